@@ -112,6 +112,7 @@ def export(
         "lead": lead,
         "blend": blend,
     }
+    jaws: tuple[JawCommand, ...] = ()
     chosen = {key: value for key, value in asked.items() if value is not None}
     more = {"--csv": {"followers": followers}, "--ros2": {"followers": followers, "goal": goal, "effort": effort}}
     if (run / _CARRY).is_file():
@@ -121,12 +122,12 @@ def export(
                 f"{given_too}: expected a run's folder, got '{run}', a carry plan, whose joints are sampled already "
                 "('pinograsp carry --rate')"
             )
-        trajectory, jaws = _carried(run, wanted, more), ()
+        trajectory = _carried(run, wanted, more)
     else:
         trajectory, jaws = _planned(run, wanted, more, scene, {"rate": rate, **chosen})
     written = {option.removeprefix("--"): str(file) for option, file in wanted.items()}
     if as_json:
-        said = {"samples": len(trajectory.times), "duration_s": float(trajectory.times[-1])}
+        said: dict[str, Any] = {"samples": len(trajectory.times), "duration_s": float(trajectory.times[-1])}
         said |= {"jaws": [jaw.summary() for jaw in jaws]} if jaws else {}
         tell_json({**said, "names": list(trajectory.names), "notes": list(trajectory.notes), **written})
         return

@@ -85,8 +85,8 @@ class JawCommand:
             return f"{self.drive}: effort {self.effort:.4g}"
         give = self.touch_width - self.width
         return (
-            f"{self.drive}: {1e3 * self.touch_width:.2f} mm wide where the jaws touch, {1e3 * self.width:.2f} mm at the "
-            f"end ({1e3 * give:.2f} mm of assumed give of the contacts), {self.jaw_force:.4g} N per jaw"
+            f"{self.drive}: {1e3 * self.touch_width:.2f} mm wide where the jaws touch, {1e3 * self.width:.2f} mm at "
+            f"the end ({1e3 * give:.2f} mm of assumed give of the contacts), {self.jaw_force:.4g} N per jaw"
         )
 
     def summary(self) -> dict[str, Any]:
