@@ -38,6 +38,11 @@ class Controls:
     act: Array | None = None
     notes: tuple[str, ...] = ()
 
+    def samples(self) -> dict[str, Array]:
+        """What there is by sample, in MuJoCo's words."""
+        activations = {} if self.act is None else {"act": self.act}
+        return {"qpos": self.qpos, "qvel": self.qvel, **activations, "ctrl": self.ctrl}
+
 
 def keyframes(times: Array, found: Controls, keys: Mapping[str, int]) -> list[str]:
     """Lines of XML: names in comments, and keyframes at the samples ``keys``, in their order."""
@@ -47,8 +52,7 @@ def keyframes(times: Array, found: Controls, keys: Mapping[str, int]) -> list[st
         for what, names in (("qpos", found.joints), ("ctrl", found.actuators))
     ]
     for name, i in sorted(keys.items(), key=lambda key: key[1]):
-        values = {"time": times[i : i + 1], "qpos": found.qpos[i], "qvel": found.qvel[i]}
-        values |= {"ctrl": found.ctrl[i]} if found.act is None else {"act": found.act[i], "ctrl": found.ctrl[i]}
+        values = {"time": times[i : i + 1]} | {kind: rows[i] for kind, rows in found.samples().items()}
         attributes = " ".join(f"{k}={quoteattr(' '.join(map(repr, v.tolist())))}" for k, v in values.items() if v.size)
         lines.append(f'<key name="{name}" {attributes}/>')
     return lines
@@ -56,17 +60,9 @@ def keyframes(times: Array, found: Controls, keys: Mapping[str, int]) -> list[st
 
 def archive(times: Array, found: Controls) -> bytes:
     """The controls over time as an ``.npz``."""
-    written, activations = io.BytesIO(), dict[str, Any]() if found.act is None else dict[str, Any](act=found.act)
-    np.savez_compressed(
-        written,
-        times=times,
-        qpos=found.qpos,
-        qvel=found.qvel,
-        ctrl=found.ctrl,
-        **activations,
-        joints=np.array(found.joints, dtype=str),
-        actuators=np.array(found.actuators, dtype=str),
-    )
+    written = io.BytesIO()
+    names = {"joints": np.array(found.joints, dtype=str), "actuators": np.array(found.actuators, dtype=str)}
+    np.savez_compressed(written, allow_pickle=False, times=times, **found.samples(), **names)
     return written.getvalue()
 
 
