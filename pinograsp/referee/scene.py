@@ -24,6 +24,7 @@ _LEAST_MASS, _LEAST_INERTIA = 1e-5, 1e-9  # [kg], [kg m^2] of links without mass
 # and absolute [kg m^2].
 _LEAST_SHARE, _TINY_INERTIA = 1e-6, 1e-12
 _ROUNDED = 1e-6  # share of the largest moment that the others may lack by rounding, and have more than it afterwards
+COUPLED_STEPS = 2.0  # time constant of the couplings, in time steps
 _STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance of the couplings
 
 
@@ -104,7 +105,7 @@ def outline(
     for joint, coupling in hand.couplings.items():
         tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, name2=coupling.followed)
         tie.data[:2] = coupling.offset, coupling.factor
-        tie.solref, tie.solimp = (2 * time_step, 1.0), _STIFF
+        tie.solref, tie.solimp = (COUPLED_STEPS * time_step, 1.0), _STIFF
     for one in hand.geometry.geometryObjects:
         shape = convex(one.geometry, one.name, notes)
         if shape is not None:
