@@ -66,6 +66,7 @@ _UNSTABLE = (_WARNINGS.mjWARN_BADQPOS, _WARNINGS.mjWARN_BADQVEL, _WARNINGS.mjWAR
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
+@without_callbacks()
 def write_scene(
     plan: PlanRecord,
     path: str | Path,
@@ -202,12 +203,11 @@ def _play(model: mujoco.MjModel, found: Controls, steps: int, samples: int) -> l
     """Play samples, ``steps`` of the model each; returns a note where the object does not stay in the hand."""
     data, body = mujoco.MjData(model), model.body("object").id
     data.qpos[:], data.qvel[:] = found.qpos[0], found.qvel[0]
-    with without_callbacks():
-        mujoco.mj_forward(model, data)
-        place, turn = data.xpos[body].copy(), data.xmat[body].reshape(3, 3).copy()
-        for ctrl in found.ctrl[:samples]:
-            data.ctrl[:] = ctrl
-            mujoco.mj_step(model, data, nstep=steps)
+    mujoco.mj_forward(model, data)
+    place, turn = data.xpos[body].copy(), data.xmat[body].reshape(3, 3).copy()
+    for ctrl in found.ctrl[:samples]:
+        data.ctrl[:] = ctrl
+        mujoco.mj_step(model, data, nstep=steps)
     moved = float(np.linalg.norm(data.xpos[body] - place))
     cosine = 0.5 * (float((data.xmat[body].reshape(3, 3) * turn).sum()) - 1.0)
     turned = math.degrees(math.acos(min(1.0, max(-1.0, cosine))))

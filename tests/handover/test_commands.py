@@ -304,6 +304,27 @@ def test_a_gripper_holds_in_its_scene(panda, tmp_path, command):
     assert any("do not correct the posture" in note for note in sent.notes) == (command == "torque")
 
 
+@pytest.mark.parametrize("damping", [200.0, 500.0])
+def test_servos_of_much_damping_hold_by_shorter_steps(panda, tmp_path, damping):
+    """Coupled jaws have damping that is not implicit: at 0.5 ms its chatter drops the object (10 mm at 200 N s/m)."""
+    gains = {"stiffness": 2e4, "damping": damping, "hold": 0.3, "rate": 500.0}
+    sent = panda.to_mujoco(tmp_path / "scene.xml", scene=True, **gains)
+    moved, turned, forces, model = played(tmp_path / "scene.xml")
+    assert moved < 1e-5 and turned < 1e-3 and forces == pytest.approx(planned(panda), rel=1e-2)
+    assert model.opt.timestep < 5e-4 and any("steps of" in note for note in sent.notes)
+    assert "steps of" in (tmp_path / "scene.xml").read_text()
+    with pytest.raises(InvalidInput, match="damping: expected gains"):
+        panda.to_mujoco(tmp_path / "scene.xml", scene=True, stiffness=2e4, damping=1e5)
+
+
+def test_a_scene_that_does_not_hold_is_told(panda, tmp_path):
+    """The friction that the plan counts on is not there any more."""
+    slippery = replace(panda, friction=replace(panda.friction, mu=0.05 * panda.friction.mu))
+    sent = slippery.to_mujoco(tmp_path / "scene.xml", scene=True, hold=0.6, rate=250.0)
+    assert played(tmp_path / "scene.xml")[0] > 0.01
+    assert any("does not hold" in note for note in sent.notes)
+
+
 @pytest.mark.parametrize("command", ["impedance", "position"])
 def test_a_hand_holds_in_its_scene(allegro, tmp_path, command):
     sent = allegro.to_mujoco(tmp_path / "scene.xml", scene=True, command=command, hold=0.5, rate=500.0)
