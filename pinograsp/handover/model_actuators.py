@@ -212,8 +212,8 @@ class Actuators:
             model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
         )
         by_control = np.where(clamped[:, None], model.actuator_ctrlrange[self.input], unbounded)
-        ends = np.where(ahead[:, None], self.range, by_control)
-        reached = np.sort(rest[:, None] + np.where(gain[:, None] == 0, 0.0, gain[:, None]) * ends, axis=1)
+        ends = np.where(gain[:, None] == 0, 0.0, np.where(ahead[:, None], self.range, by_control))
+        reached = np.sort(rest[:, None] + gain[:, None] * ends, axis=1)
         limited = np.array(model.actuator_forcelimited, dtype=bool)[:, None]
         own = np.where(limited, model.actuator_forcerange, unbounded)
         return np.maximum(reached[:, 0], own[:, 0]), np.minimum(reached[:, 1], own[:, 1])

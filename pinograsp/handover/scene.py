@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
-from pinograsp.checks import number, one_of, path_of
+from pinograsp.checks import instance_of, number, one_of, path_of
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.handover.actuators import Controls, archive, keyframes
 from pinograsp.handover.build import Sampling, joint_trajectory
@@ -111,7 +111,7 @@ def write_scene(
     one_of("suffix of a MuJoCo scene", path.suffix, (".xml",))
     one_of("command", command, COMMANDS)
     hold = number("hold", hold, at_least=0, at_most=_LONGEST_HOLD, unit="s")
-    hand, body = plan.require_hand(), plan.body
+    hand, body = instance_of("plan", plan, PlanRecord).require_hand(), plan.body
     if body is None:
         raise InvalidInput(
             "scene=True: expected a plan with an object, got one without: plan on a shape (pinograsp.Sphere, ...), or "

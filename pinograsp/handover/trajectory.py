@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, flag, one_of, path_of, read_only, text_of
+from pinograsp.checks import array_of, brief, flag, items_of, mapping_of, number, one_of, path_of, read_only, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.actuators import Controls, write_keyframes
 from pinograsp.handover.quintic import between, interpolated
@@ -50,6 +50,9 @@ class JointTrajectory:
         notes: what the receiver should know.
 
     Trajectories that were read from a file have names, times and samples; the rest is None or empty.
+
+    Raises:
+        InvalidInput: fields of other kinds or sizes, times that do not grow, or couplings to joints that are not there.
     """
 
     names: tuple[str, ...]
@@ -77,16 +80,33 @@ class JointTrajectory:
         return self.describe()
 
     def __post_init__(self) -> None:
-        times = array_of("times", self.times, (None,))
-        if times.size < 1 or times[0] < 0 or np.any(np.diff(times) <= 0):
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        for name in ("names", "joints", "notes"):
+            put(name, items_of(name, getattr(self, name), str))
+        for name in ("begin", "impact_time", "final_time"):
+            if getattr(self, name) is not None or self.begin is not None:
+                put(name, number(name, getattr(self, name), unit="s"))
+        put("times", array_of("times", self.times, (None,)))
+        if self.times.size < 1 or self.times[0] < 0 or np.any(np.diff(self.times) <= 0):
             raise InvalidInput("times: expected at least one, from 0 s on, each later than the one before")
-        object.__setattr__(self, "times", times)
+        shape = (self.times.size, len(self.names))
         for name in _FIELDS.values():
-            object.__setattr__(self, name, array_of(name, getattr(self, name), (times.size, len(self.names))))
-        sizes = {"contact_effort": self.q.shape} | dict.fromkeys(_GAINS, (len(self.names),))
-        for name, shape in sizes.items():
+            put(name, array_of(name, getattr(self, name), shape))
+        sizes = {"contact_effort": shape, **dict.fromkeys(("deviation", *_GAINS), (len(self.names),))}
+        for name, size in sizes.items():
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, array_of(name, getattr(self, name), shape))
+                put(name, array_of(name, getattr(self, name), size))
+        couplings = mapping_of("couplings", self.couplings)
+        items_of("couplings", list(couplings.values()), Coupling)
+        strangers = [coupling.followed for coupling in couplings.values() if coupling.followed not in self.names]
+        if strangers:
+            raise InvalidInput(f"couplings: expected to follow joints of names, got {', '.join(strangers)}")
+        deviations = mapping_of("contact_deviation", self.contact_deviation)
+        put("contact_deviation", {name: number("contact_deviation", by, unit="m") for name, by in deviations.items()})
+        blends = array_of("blends", self.blends, (None, 2)) if len(items_of("blends", self.blends, tuple, list)) else ()
+        put("blends", tuple((float(start), float(end)) for start, end in blends))
 
     def at(self, times: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """q, dq, ddq, effort (s, n) at ``times`` (s,) [s]: quintic between samples, effort linear, as controllers
