@@ -13,7 +13,7 @@ from pinograsp.cli.screen import Fact, show
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from pinograsp.handover import JointTrajectory
+    from pinograsp.handover import JawCommand, JointTrajectory
 
 _CARRY = "carry.json"  # in a folder of 'pinograsp carry'
 
@@ -42,7 +42,8 @@ def export(
         str | None,
         typer.Option(
             help="What the motors are sent: torque, position (servos without feed-forward), impedance (servos with it) "
-            "or jaw (width and force of a gripper); default: the joints' motion with their torques.",
+            "or jaw (force of a gripper, and its widths where the jaws touch and at the end); default: the joints' "
+            "motion with their torques.",
             autocompletion=completion.one_of(completion.COMMANDS),
         ),
     ] = None,
@@ -111,6 +112,7 @@ def export(
         "lead": lead,
         "blend": blend,
     }
+    jaws: tuple[JawCommand, ...] = ()
     chosen = {key: value for key, value in asked.items() if value is not None}
     more = {"--csv": {"followers": followers}, "--ros2": {"followers": followers, "goal": goal, "effort": effort}}
     if (run / _CARRY).is_file():
@@ -122,14 +124,15 @@ def export(
             )
         trajectory = _carried(run, wanted, more)
     else:
-        trajectory = _planned(run, wanted, more, scene, {"rate": rate, **chosen})
+        trajectory, jaws = _planned(run, wanted, more, scene, {"rate": rate, **chosen})
     written = {option.removeprefix("--"): str(file) for option, file in wanted.items()}
     if as_json:
-        said = {"samples": len(trajectory.times), "duration_s": float(trajectory.times[-1])}
+        said: dict[str, Any] = {"samples": len(trajectory.times), "duration_s": float(trajectory.times[-1])}
+        said |= {"jaws": [jaw.summary() for jaw in jaws]} if jaws else {}
         tell_json({**said, "names": list(trajectory.names), "notes": list(trajectory.notes), **written})
         return
     told, *others = trajectory.describe().splitlines()
-    facts: list[Fact] = [("", line.strip()) for line in others]
+    facts: list[Fact] = [("", line) for line in (*(jaw.describe() for jaw in jaws), *map(str.strip, others))]
     show(facts, [("What is it?", told), *(("Written", name) for name in written.values())], more=_more())
 
 
@@ -159,22 +162,24 @@ def _refuse_useless(wanted: dict[str, Path], *, followers: bool, goal: bool, eff
 
 def _planned(
     run: Path, wanted: dict[str, Path], more: dict[str, dict[str, Any]], scene: bool, chosen: dict[str, Any]
-) -> JointTrajectory:
-    """Write a run's plan; returns the joints' or drives' trajectory."""
+) -> tuple[JointTrajectory, tuple[JawCommand, ...]]:
+    """Write a run's plan; returns the joints' or drives' trajectory, and what jaws are sent."""
+    from pinograsp.handover import jaw_commands
     from pinograsp.handover.commands import commanded
     from pinograsp.planner import load_run
 
     plan = load_run(run)
     if scene and len(wanted) == 1:
-        return plan.to_mujoco(wanted["--mujoco"], scene=True, **chosen)
+        return plan.to_mujoco(wanted["--mujoco"], scene=True, **chosen), ()
     trajectory = commanded(plan, **{"command": None, **chosen})  # its errors come before anything is written
+    jaws = jaw_commands(plan) if chosen.get("command") == "jaw" else ()
     if "--csv" in wanted:
         trajectory = plan.to_csv(wanted["--csv"], **more["--csv"], **chosen)
     if "--ros2" in wanted:
         plan.to_ros2(wanted["--ros2"], **more["--ros2"], **chosen)
     if "--mujoco" in wanted:
         plan.to_mujoco(wanted["--mujoco"], scene=scene, **chosen)
-    return trajectory
+    return trajectory, jaws
 
 
 def _carried(folder: Path, wanted: dict[str, Path], more: dict[str, dict[str, Any]]) -> JointTrajectory:

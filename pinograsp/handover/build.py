@@ -81,8 +81,8 @@ def joint_trajectory(
     q, dq, ddq = between(path.nodes, path.states, np.minimum(clock, path.end))
     q[-1], dq[-1], ddq[-1] = motion.q[-1], 0.0, 0.0
     own = inverse_dynamics(hand, motion.q, motion.dq, motion.ddq, gravity_o=plan.gravity_o)
-    effort = inverse_dynamics(hand, q, dq, ddq, gravity_o=plan.gravity_o)
-    effort = effort + interpolated(clock - path.begin, motion.times, motion.torques - own)
+    pressing = interpolated(clock - path.begin, motion.times, motion.torques - own)
+    effort = inverse_dynamics(hand, q, dq, ddq, gravity_o=plan.gravity_o) + pressing
 
     wanted, played = _compared(motion, path, clock, (q, dq, ddq), half)
     off = _contact_deviation(hand, plan, wanted, played)
@@ -94,6 +94,7 @@ def joint_trajectory(
         dq=dq,
         ddq=ddq,
         effort=effort,
+        contact_effort=pressing,
         joints=tuple(hand.model.names)[1:],
         couplings=hand.couplings,
         begin=path.begin,

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from pinograsp.checks import mapping_of, one_line, path_of
 from pinograsp.errors import InvalidInput
 from pinograsp.writing.files import write_file
 
@@ -26,12 +27,19 @@ def write_core(constants: Mapping[str, Any], path: str | Path) -> Path:
             alone, ``null`` where there is no limit. Existing files are replaced.
 
     Raises:
-        InvalidInput: another suffix. ResultsNotWritten.
+        InvalidInput: another suffix, or constants of something else. ResultsNotWritten.
     """
-    path = Path(path)
+    path = path_of("path", path)
+    constants = mapping_of("constants", constants)
     if path.suffix not in (".hpp", ".json"):
         raise InvalidInput(f"path: expected a name that ends in .hpp or .json, got {path.name!r}")
-    text = _header(constants, path.stem) if path.suffix == ".hpp" else _json(constants)
+    try:
+        header, plain = _header(constants, path.stem), _json(constants)
+    except (LookupError, TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"constants: expected those of a loop, OnlineForces.constants(), got others ({one_line(error)})"
+        ) from error
+    text = header if path.suffix == ".hpp" else plain
     return write_file(path, text.encode())
 
 

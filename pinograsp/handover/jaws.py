@@ -57,8 +57,12 @@ class JawCommand:
         drive: its name.
         coordinate: the drive's own, transmission @ q [rad or m].
         effort: of the drive, its size [N or N m].
-        width: distance between the two jaws' contact points, each the mean weighted by force [m]; None where the
-            hand does not press with exactly two parts.
+        width: distance between the two jaws' contact points at the end, each the mean weighted by force [m]; None
+            where the hand does not press with exactly two parts. It is less than that of the object by the assumed give
+            of the contacts (:attr:`pinograsp.Material`), so it is where a servo is sent, not what the gripper measures
+            on a rigid object.
+        touch_width: the same at t_I, where the jaws touch: that of the object [m]. Grippers that compare what they
+            measure with what they were told take this one.
         jaw_force: that one jaw presses with along the line between these points, the larger of both [N]; None as
             for ``width``.
         total_force: of both jaws [N].
@@ -69,11 +73,22 @@ class JawCommand:
     coordinate: float
     effort: float
     width: float | None
+    touch_width: float | None
     jaw_force: float | None
     total_force: float | None
     joints: tuple[JointTarget, ...]
 
     __repr__ = brief()
+
+    def describe(self) -> str:
+        """Widths and force, as a line of text."""
+        if self.width is None or self.touch_width is None or self.jaw_force is None:
+            return f"{self.drive}: effort {self.effort:.4g}"
+        give = self.touch_width - self.width
+        return (
+            f"{self.drive}: {1e3 * self.touch_width:.2f} mm wide where the jaws touch, {1e3 * self.width:.2f} mm at "
+            f"the end ({1e3 * give:.2f} mm of assumed give of the contacts), {self.jaw_force:.4g} N per jaw"
+        )
 
     def summary(self) -> dict[str, Any]:
         """As plain JSON values, units in the names."""
@@ -82,6 +97,7 @@ class JawCommand:
             "coordinate": self.coordinate,
             "effort": self.effort,
             "width_m": self.width,
+            "width_at_touch_m": self.touch_width,
             "force_per_jaw_N": self.jaw_force,
             "force_total_N": self.total_force,
             "joints": [asdict(one) for one in self.joints],
@@ -114,7 +130,7 @@ def jaw_commands(plan: PlanRecord, *, shortfall: float | None = SHORTFALL) -> tu
         )
     made, q = hand.transmission, plan.motion.q[-1]
     needed = efforts(hand, q[None], plan.motion.holding_torques[None], shortfall)[0][0]
-    width, forces = _pressed(hand, plan)
+    width, touch_width, forces = _press(hand, plan)
     found = []
     for drive in drives:
         row = hand.drives.index(drive)
@@ -130,6 +146,7 @@ def jaw_commands(plan: PlanRecord, *, shortfall: float | None = SHORTFALL) -> tu
                 coordinate=float(made[row] @ q),
                 effort=abs(effort),
                 width=width,
+                touch_width=touch_width,
                 jaw_force=None if forces is None else max(forces),
                 total_force=None if forces is None else sum(forces),
                 joints=_targets(hand, drive, effort, q),
@@ -162,8 +179,8 @@ def _targets(hand: HandModel, drive: Drive, effort: float, q: Array) -> tuple[Jo
     return tuple(targets)
 
 
-def _pressed(hand: HandModel, plan: PlanRecord) -> tuple[float | None, list[float] | None]:
-    """Distance of two jaws' contact points at the end [m], and the force of each along the line between them [N]."""
+def _press(hand: HandModel, plan: PlanRecord) -> tuple[float | None, float | None, list[float] | None]:
+    """Distance of two jaws' contact points at the end and at t_I [m], and the force of each at the end [N]."""
     contacts, motion = plan.contacts, plan.motion
     parts: dict[str, list[int]] = {}
     for i, link in enumerate(contacts.links):
@@ -172,7 +189,7 @@ def _pressed(hand: HandModel, plan: PlanRecord) -> tuple[float | None, list[floa
         name = next((finger.name for finger in hand.fingers if joint in finger.joint_ids), "")
         parts.setdefault(name, []).append(i)
     if len(parts) != 2 or not all(contacts.links):
-        return None, None
+        return None, None, None
     placements = [hand.frame_placements(q, contacts.links) for q in (motion.q[motion.impact], motion.q[-1])]
     points = np.array(
         [
@@ -181,13 +198,16 @@ def _pressed(hand: HandModel, plan: PlanRecord) -> tuple[float | None, list[floa
         ]
     )
     weights = np.maximum(plan.forces.normal_forces, 1e-12)
-    means = [np.average(points[rows], axis=0, weights=weights[rows]) for rows in parts.values()]
-    apart = means[1] - means[0]
+    one, two = parts.values()
+    touching, apart = (
+        np.average(places[two], axis=0, weights=weights[two]) - np.average(places[one], axis=0, weights=weights[one])
+        for places in (contacts.points_o, points)
+    )
     width = float(np.linalg.norm(apart))
     if width == 0:
-        return None, None
-    pressing = [motion.forces_o[-1, rows].sum(axis=0) @ apart / width for rows in parts.values()]
-    return width, [abs(float(one)) for one in pressing]
+        return None, None, None
+    pressing = [motion.forces_o[-1, rows].sum(axis=0) @ apart / width for rows in (one, two)]
+    return width, float(np.linalg.norm(touching)), [abs(float(force)) for force in pressing]
 
 
 def gripper_message(
@@ -236,11 +256,12 @@ def gripper_message(
 
 
 _COLUMNS = ("position", "closed", "effort")
+_SHARED = ("width_m", "width_at_touch_m", "force_per_jaw_N", "force_total_N")
 
 
 def write_jaws(jaws: Sequence[JawCommand], path: str | Path) -> None:
     """Write a table with a line per drive and joint: ``drive``, ``joint``, ``position``, ``closed`` [m or rad],
-    ``effort`` (the joint's own [N or N m]), ``width_m``, ``force_per_jaw_N``, ``force_total_N``.
+    ``effort`` (the joint's own [N or N m]), ``width_m``, ``width_at_touch_m``, ``force_per_jaw_N``, ``force_total_N``.
 
     Raises:
         ResultsNotWritten: the place cannot be written.
@@ -248,9 +269,10 @@ def write_jaws(jaws: Sequence[JawCommand], path: str | Path) -> None:
     path = path_of("path", path)
     written = io.StringIO()
     table = csv.writer(written, lineterminator="\n")
-    table.writerow(["drive", "joint", *_COLUMNS, "width_m", "force_per_jaw_N", "force_total_N"])
+    table.writerow(["drive", "joint", *_COLUMNS, *_SHARED])
     for jaw in items_of("jaws", jaws, JawCommand):
-        shared = ["" if one is None else repr(one) for one in (jaw.width, jaw.jaw_force, jaw.total_force)]
+        values = jaw.summary()
+        shared = ["" if values[name] is None else repr(values[name]) for name in _SHARED]
         for one in jaw.joints:
             own = [repr(getattr(one, name)) for name in _COLUMNS]
             table.writerow([no_formula(jaw.drive), no_formula(one.joint), *own, *shared])

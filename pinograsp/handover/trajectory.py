@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, flag, one_of, path_of, read_only, text_of
+from pinograsp.checks import array_of, brief, flag, items_of, mapping_of, number, one_of, path_of, read_only, text_of
 from pinograsp.errors import InvalidInput
-from pinograsp.handover.actuators import Controls, controls, write_keyframes
+from pinograsp.handover.actuators import Controls, write_keyframes
 from pinograsp.handover.quintic import between, interpolated
 from pinograsp.handover.yaml_text import yaml_of
 from pinograsp.hands.coupling import Coupling
@@ -38,6 +38,7 @@ class JointTrajectory:
         q, dq, ddq: (m, n) [rad, rad/s, rad/s^2; m where joints slide].
         effort: feed-forward torques (m, n) [N m or N]: inverse dynamics of this very path and the plan's contact
             forces; they end as the plan's holding torques.
+        contact_effort: the share of ``effort`` that the contact forces ask for (m, n) [N m or N]; None: not known.
         joints: all joints of the hand, coupled ones included.
         couplings: by coupled joint, what it follows and how.
         begin, impact_time, final_time: t = 0, t_I and t_F of the plan on this clock [s].
@@ -49,6 +50,9 @@ class JointTrajectory:
         notes: what the receiver should know.
 
     Trajectories that were read from a file have names, times and samples; the rest is None or empty.
+
+    Raises:
+        InvalidInput: fields of other kinds or sizes, times that do not grow, or couplings to joints that are not there.
     """
 
     names: tuple[str, ...]
@@ -57,6 +61,7 @@ class JointTrajectory:
     dq: np.ndarray
     ddq: np.ndarray
     effort: np.ndarray
+    contact_effort: np.ndarray | None = None
     joints: tuple[str, ...] = ()
     couplings: Mapping[str, Coupling] = field(default_factory=dict)
     begin: float | None = None
@@ -75,15 +80,33 @@ class JointTrajectory:
         return self.describe()
 
     def __post_init__(self) -> None:
-        times = array_of("times", self.times, (None,))
-        if times.size < 1 or times[0] < 0 or np.any(np.diff(times) <= 0):
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        for name in ("names", "joints", "notes"):
+            put(name, items_of(name, getattr(self, name), str))
+        for name in ("begin", "impact_time", "final_time"):
+            if getattr(self, name) is not None or self.begin is not None:
+                put(name, number(name, getattr(self, name), unit="s"))
+        put("times", array_of("times", self.times, (None,)))
+        if self.times.size < 1 or self.times[0] < 0 or np.any(np.diff(self.times) <= 0):
             raise InvalidInput("times: expected at least one, from 0 s on, each later than the one before")
-        object.__setattr__(self, "times", times)
+        shape = (self.times.size, len(self.names))
         for name in _FIELDS.values():
-            object.__setattr__(self, name, array_of(name, getattr(self, name), (times.size, len(self.names))))
-        for name in _GAINS:
+            put(name, array_of(name, getattr(self, name), shape))
+        sizes = {"contact_effort": shape, **dict.fromkeys(("deviation", *_GAINS), (len(self.names),))}
+        for name, size in sizes.items():
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, array_of(name, getattr(self, name), (len(self.names),)))
+                put(name, array_of(name, getattr(self, name), size))
+        couplings = mapping_of("couplings", self.couplings)
+        items_of("couplings", list(couplings.values()), Coupling)
+        strangers = [coupling.followed for coupling in couplings.values() if coupling.followed not in self.names]
+        if strangers:
+            raise InvalidInput(f"couplings: expected to follow joints of names, got {', '.join(strangers)}")
+        deviations = mapping_of("contact_deviation", self.contact_deviation)
+        put("contact_deviation", {name: number("contact_deviation", by, unit="m") for name, by in deviations.items()})
+        blends = array_of("blends", self.blends, (None, 2)) if len(items_of("blends", self.blends, tuple, list)) else ()
+        put("blends", tuple((float(start), float(end)) for start, end in blends))
 
     def at(self, times: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """q, dq, ddq, effort (s, n) at ``times`` (s,) [s]: quintic between samples, effort linear, as controllers
@@ -99,27 +122,26 @@ class JointTrajectory:
         missing = [name for name in self.couplings if name not in self.names]
         if not missing:
             return self
-        columns = {attribute: dict(zip(self.names, getattr(self, attribute).T)) for attribute in _FIELDS.values()}
+        efforts = ("effort",) if self.contact_effort is None else ("effort", "contact_effort")
+        columns = {name: dict(zip(self.names, getattr(self, name).T)) for name in ("q", "dq", "ddq", *efforts)}
         off = {} if self.deviation is None else dict(zip(self.names, self.deviation))
         for name in missing:
             coupling = self.couplings[name]
             for attribute in ("q", "dq", "ddq"):
                 columns[attribute][name] = coupling.factor * columns[attribute][coupling.followed]
             columns["q"][name] = columns["q"][name] + coupling.offset
-            columns["effort"][name] = np.zeros(self.times.size)
+            for attribute in efforts:
+                columns[attribute][name] = np.zeros(self.times.size)
             off[name] = abs(coupling.factor) * off.get(coupling.followed, 0.0)
         order = [name for name in self.joints if name in columns["q"]]
-        stacked = {
+        stacked: dict[str, Any] = {
             attribute: np.column_stack([values[name] for name in order]) for attribute, values in columns.items()
         }
         return replace(
             self,
             names=tuple(order),
             deviation=None if self.deviation is None else read_only(np.array([off[name] for name in order])),
-            q=stacked["q"],
-            dq=stacked["dq"],
-            ddq=stacked["ddq"],
-            effort=stacked["effort"],
+            **stacked,
         )
 
     def describe(self) -> str:
@@ -228,24 +250,31 @@ class JointTrajectory:
         For trajectories of joints; those of drives are written by ``plan.to_mujoco(command=)``.
 
         ``<include file="PATH"/>`` in the hand's MJCF file adds the keyframes. The archive holds ``times`` (m,),
-        ``ctrl`` (m, nu), ``qpos`` (m, nq), ``qvel`` (m, nv), and the names in ``joints`` and ``actuators``.
+        ``ctrl`` (m, nu), ``qpos`` (m, nq), ``qvel`` (m, nv), the names in ``joints`` and ``actuators``, and ``act``
+        (m, na) of a model whose actuators have activations, which begin as in its first row. Each row of ``ctrl`` is
+        for the time until the next one.
 
         Args:
             path: ``.xml``; existing files are replaced.
             model: a ``mujoco.MjModel`` that has the hand's joints by their names, with ``prefix`` before them, and
-                anything else besides. Controls then follow from each actuator's transmission (joint or fixed tendon),
-                gain and bias, motors, velocity and position servos alike: at the trajectory's state its force makes the
-                trajectory's effort. Default: a hand alone, joints in the order of ``joints``, one position servo per
-                actuated joint in the order of ``names``, whose control is the joint's position.
+                anything else besides, which is taken to be at rest. Controls are those at which the hand in that model
+                moves as the trajectory and presses with its contact forces: MuJoCo's inverse dynamics say what that
+                takes, with the model's masses, gravity and its compensation, springs, dampers and dry friction, and
+                MuJoCo says what each actuator makes of its control and its activation, whatever its type. What the
+                controls then make in the model is compared with it, and noted where they differ. Default: a hand alone,
+                joints in the order of ``joints``, one position servo per actuated joint in the order of ``names``,
+                whose control is the joint's position.
             qpos: of what is not the hand (nq,); default: the model's own ``qpos0``.
             feed_forward: False: actuators get no effort beyond what their own gains make of an error: for a hand that
                 moves without the object, which would give way to the contact forces.
 
         Returns:
-            The trajectory; its notes tell which joints nothing moves, and which controls leave their range.
+            The trajectory; its notes tell which joints nothing moves, which controls leave their range or act later,
+            by how much the model's actuators miss the efforts, and where the model couples joints otherwise.
 
         Raises:
-            InvalidInput: another suffix, not a model, or one without the hand's joints. ResultsNotWritten.
+            InvalidInput: another suffix, not a model, one without the hand's joints, or one whose dynamics are not
+                finite. ExtraMissing: a model without MuJoCo. ResultsNotWritten.
         """
         path = path_of("path", path)
         flag("feed_forward", feed_forward)
@@ -264,6 +293,8 @@ class JointTrajectory:
                 actuators=tuple(self.names[i] for i in driven),
             )
         else:
+            from pinograsp.handover.model_controls import controls
+
             found = controls(model, self, own, qpos, feed_forward, prefix)
         write_keyframes(path, own.times, self.impact_time, found)
         return replace(self, notes=(*self.notes, *found.notes))

@@ -437,9 +437,9 @@ def _driven(
 
 def _check_kinematics(source: str, model: pin.Model) -> None:
     """Refuse a model whose placements, Jacobians or inertias are not finite, or that is larger than any hand."""
-    data = model.createData()
     middle = 0.5 * (model.lowerPositionLimit + model.upperPositionLimit)
     for q in (model.lowerPositionLimit, middle, model.upperPositionLimit):
+        data = model.createData()  # crba adds into a matrix that was there before
         pin.framesForwardKinematics(model, data, q)
         pin.computeJointJacobians(model, data, q)
         places = np.array([placement.translation for placement in data.oMf])

@@ -99,7 +99,8 @@ class Simulation:
         torques: of the motors (s, n) [N m or N].
         object_poses: oMb of the object's frame, that of its file (s, 4, 4).
         com_b: the object's centre of mass in that frame (3,) [m].
-        parts: names of the parts of the hand that touch or should (p).
+        parts: names of the parts of the hand that touch or should (p), in the order of the plan's contacts, then those
+            that touch without a plan. Contacts of one part share a row, under the name of their link.
         forces_o: on the object by part, sums over its points (s, p, 3) [N].
         normal_forces: likewise (s, p) [N].
         tangential_forces: likewise (s, p) [N].

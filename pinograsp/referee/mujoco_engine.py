@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 
+from pinograsp.referee.callbacks import without_callbacks
 from pinograsp.referee.dry_friction import rubbing
 from pinograsp.referee.law import NO_TOUCHES, Displacements, Pressing, Touches, cross
 from pinograsp.referee.overlaps import Collider
@@ -15,11 +17,6 @@ from pinograsp.referee.scene import build
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.task import Task
 from pinograsp.spatial import Array, IntArray
-
-# MuJoCo would print that a state is unstable and write MUJOCO_LOG.TXT into the working folder; the simulation reports
-# divergence itself.
-if mujoco.get_mju_user_warning() is None:
-    mujoco.set_mju_user_warning(lambda text: None)
 
 
 class _Follower(NamedTuple):
@@ -92,6 +89,10 @@ class MujocoEngine:
         for body, part in enumerate(self.part_of_body):
             if part > 0:
                 self.body_of_part[part] = body
+
+    def running(self) -> AbstractContextManager[None]:
+        """While steps are made: without the callbacks that others have set, which MuJoCo has for the whole process."""
+        return without_callbacks()
 
     def place(self, q: Array, dq: Array, object_pose: Array | None = None) -> None:
         """Put the hand's joints at q, dq (n,), and the object at rest at a pose (4, 4)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
+
 import numpy as np
 import pinocchio as pin
 
@@ -63,6 +65,10 @@ class PinocchioEngine:
         self._mass_matrix: Array = np.zeros((hand.n, hand.n))  # of coupled joints, at the last touches
         self._potential = self._kinetic = 0.0
 
+    def running(self) -> AbstractContextManager[None]:
+        """While steps are made; nothing to be done."""
+        return nullcontext()
+
     def place(self, q: Array, dq: Array, object_pose: Array | None = None) -> None:
         """Put the hand's joints at q, dq (n,), and the object at rest at a pose (4, 4)."""
         self.q, self.dq = np.array(q, dtype=float), np.array(dq, dtype=float)
@@ -109,7 +115,8 @@ class PinocchioEngine:
         """Energies of hand and object at the present state, and the kinematics of the hand."""
         model, data, v, w = self.model, self.data, self.dq, self.turning
         if self.coupled:  # Pinocchio's energies leave out coupled joints
-            upper = np.triu(pin.crba(model, data, self.q))
+            # Into the matrix of a Data that was used before, crba adds the motors beyond coupled joints once more.
+            upper = np.triu(pin.crba(model, model.createData(), self.q))
             self._mass_matrix = upper + np.triu(upper, 1).T
             kinetic = 0.5 * float(v @ self._mass_matrix @ v)
             pin.forwardKinematics(model, data, self.q, v)

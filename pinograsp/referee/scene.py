@@ -10,6 +10,7 @@ import pinocchio as pin
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
+from pinograsp.referee.callbacks import without_callbacks
 from pinograsp.referee.geometry import convex, convex_shapes, object_shape
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.surface import Surface
@@ -23,6 +24,7 @@ _LEAST_MASS, _LEAST_INERTIA = 1e-5, 1e-9  # [kg], [kg m^2] of links without mass
 # and absolute [kg m^2].
 _LEAST_SHARE, _TINY_INERTIA = 1e-6, 1e-12
 _ROUNDED = 1e-6  # share of the largest moment that the others may lack by rounding, and have more than it afterwards
+COUPLED_STEPS = 2.0  # time constant of the couplings, in time steps
 _STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance of the couplings
 
 
@@ -69,7 +71,8 @@ def build(
 def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """The model of a description; :class:`InvalidInput` says what MuJoCo refuses."""
     try:
-        return spec.compile()
+        with without_callbacks():  # compiling calls them
+            return spec.compile()
     except ValueError as error:
         raise InvalidInput(f"MuJoCo refuses this hand or object: {error}") from error
 
@@ -103,7 +106,7 @@ def outline(
     for joint, coupling in hand.couplings.items():
         tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, name2=coupling.followed)
         tie.data[:2] = coupling.offset, coupling.factor
-        tie.solref, tie.solimp = (2 * time_step, 1.0), _STIFF
+        tie.solref, tie.solimp = (COUPLED_STEPS * time_step, 1.0), _STIFF
     for one in hand.geometry.geometryObjects:
         shape = convex(one.geometry, one.name, notes)
         if shape is not None:

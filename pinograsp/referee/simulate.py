@@ -109,7 +109,7 @@ def simulate(
     one_of("support", support, SUPPORTS)
     schedule = _schedule(task, hold, time_step, sample, release, support, letting_go, mode == "prescribed", disturbance)
     friction = each_of("joint friction", disturbance.joint_friction, task.hand.n)
-    running = _engine(engine)(
+    made = _engine(engine)(
         task,
         time_step=schedule.time_step,
         servo=servo.scaled(disturbance.servo_gain),
@@ -118,8 +118,9 @@ def simulate(
     )
     share = {"torque": disturbance.servo_gain, "position": 0.0, "position+torque": 1.0}[servo.control]
     commanded = task if mode == "prescribed" or share == 1.0 else _with_torques(task, share)
-    trial = Trial(commanded, running, _law(task, running.parts, disturbance), schedule)
-    trial.run()
+    trial = Trial(commanded, made, _law(task, made.parts, disturbance), schedule)
+    with made.running():
+        trial.run()
     return _record(trial, engine, mode, servo, time.perf_counter() - started)
 
 
@@ -290,7 +291,9 @@ def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float)
         return np.array([getattr(sample, name) for sample in samples])
 
     normal = column("normal_forces")
-    shown = np.flatnonzero((planned > 0) | (normal > 0).any(axis=0))
+    present = (planned > 0) | (normal > 0).any(axis=0)
+    by_contact = dict.fromkeys([*joints, *range(trial.engine.parts)])  # parts in the order of the plan's contacts
+    shown = np.array([part for part in by_contact if present[part]], dtype=int)
     energies = {
         one.name: frozen(np.array([getattr(sample.energies, one.name) for sample in samples], dtype=float))
         for one in fields(Energies)

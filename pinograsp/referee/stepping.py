@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -46,6 +47,9 @@ class Engine(Protocol):
     @property
     def object_twist(self) -> Array:
         """(6,) [m/s, rad/s]."""
+
+    def running(self) -> AbstractContextManager[None]:
+        """While steps are made."""
 
     def place(self, q: Array, dq: Array, object_pose: Array | None = None) -> None:
         """Put the joints at q, dq, and the object at rest at a pose."""

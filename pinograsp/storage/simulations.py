@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from pinograsp.checks import are_rotations
+from pinograsp.checks import are_rotations, instance_of, mapping_of, one_line, path_of
+from pinograsp.errors import InvalidInput
 from pinograsp.plan import Simulation, Verdict
 from pinograsp.storage.arrays import Arrays, expect, read_arrays, sizes_of, write_arrays
 from pinograsp.storage.documents import CheckDocument, checked, read_document
+from pinograsp.writing import place_of, write_errors
 
 _DOCUMENT, _ARRAYS = "check.json", "check.npz"
 # Shapes by what counts: m samples, n joints, p parts of the hand.
@@ -33,11 +35,28 @@ _SHAPES = {
 ENERGIES = ("joint_work", "load_work", "mechanical", "elastic", "damped", "slipped", "normal_work")
 
 
-def write_simulation(simulation: Simulation, folder: Path, studies: Mapping[str, Any]) -> None:
-    """``check.json`` and ``check.npz`` into a folder; ``studies``: what else was tried, as plain values by name."""
-    document = {**simulation.summary(), **studies}
-    (folder / _DOCUMENT).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    write_arrays(folder / _ARRAYS, simulation.arrays())
+def write_simulation(simulation: Simulation, folder: str | Path, studies: Mapping[str, Any]) -> None:
+    """``check.json`` and ``check.npz`` into a folder that exists.
+
+    Args:
+        simulation: what :func:`pinograsp.simulate` gave.
+        folder: files in it are replaced.
+        studies: what else was tried, as plain values by name; empty: nothing.
+
+    Raises:
+        InvalidInput: not a simulation, or studies that are not plain, finite values.
+        ResultsNotWritten: the folder does not exist, or cannot be written.
+    """
+    folder = path_of("folder", folder)
+    document = {**instance_of("simulation", simulation, Simulation).summary(), **mapping_of("studies", studies)}
+    try:
+        text = json.dumps(document, indent=2, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"studies: expected plain, finite values by name ({one_line(error)})") from error
+    with write_errors(folder):
+        place = place_of(folder)
+        (place / _DOCUMENT).write_text(text + "\n", encoding="utf-8")
+        write_arrays(place / _ARRAYS, simulation.arrays())
 
 
 def read_simulation(folder: Path) -> Simulation:

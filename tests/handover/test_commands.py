@@ -197,8 +197,10 @@ def test_controls_of_a_model_with_an_actuator_per_drive(panda, tmp_path, command
 
 
 def test_width_and_force_of_jaws(panda):
-    """The ball's diameter less both depths; the plan's forces; twice as much for both."""
+    """The ball's diameter, and that less both depths; the plan's forces; twice as much for both."""
     (jaw,) = jaw_commands(panda)
+    assert jaw.touch_width == pytest.approx(0.05, abs=5e-6)  # planned contacts lie on the ball to micrometres
+    assert "50.00 mm" in jaw.describe() and f"{1e3 * jaw.width:.2f} mm" in jaw.describe()
     depths, forces = panda.forces.final_depths, panda.forces.normal_forces
     assert jaw.width == pytest.approx(0.05 - depths.sum(), abs=5e-5)
     assert jaw.coordinate == pytest.approx(2 * panda.motion.q[-1, 0])
@@ -239,6 +241,7 @@ def test_jaws_as_a_table(panda, tmp_path):
     (jaw,) = jaw_commands(panda)
     assert [row["joint"] for row in rows] == [JOINT, "panda_finger_joint2"]
     assert all(row["drive"] == "jaws" and float(row["width_m"]) == jaw.width for row in rows)
+    assert all(float(row["width_at_touch_m"]) == jaw.touch_width for row in rows)
     assert float(rows[0]["force_per_jaw_N"]) == jaw.jaw_force and float(rows[0]["force_total_N"]) == jaw.total_force
     assert float(rows[0]["effort"]) == jaw.joints[0].effort
 
@@ -299,6 +302,27 @@ def test_a_gripper_holds_in_its_scene(panda, tmp_path, command):
     assert [model.key(i).name for i in range(model.nkey)] == ["start", "touch", "grasp"]
     assert model.opt.gravity == pytest.approx(panda.gravity_o)
     assert any("do not correct the posture" in note for note in sent.notes) == (command == "torque")
+
+
+@pytest.mark.parametrize("damping", [200.0, 500.0])
+def test_servos_of_much_damping_hold_by_shorter_steps(panda, tmp_path, damping):
+    """Coupled jaws have damping that is not implicit: at 0.5 ms its chatter drops the object (10 mm at 200 N s/m)."""
+    gains = {"stiffness": 2e4, "damping": damping, "hold": 0.3, "rate": 500.0}
+    sent = panda.to_mujoco(tmp_path / "scene.xml", scene=True, **gains)
+    moved, turned, forces, model = played(tmp_path / "scene.xml")
+    assert moved < 1e-5 and turned < 1e-3 and forces == pytest.approx(planned(panda), rel=1e-2)
+    assert model.opt.timestep < 5e-4 and any("steps of" in note for note in sent.notes)
+    assert "steps of" in (tmp_path / "scene.xml").read_text()
+    with pytest.raises(InvalidInput, match="damping: expected gains"):
+        panda.to_mujoco(tmp_path / "scene.xml", scene=True, stiffness=2e4, damping=1e5)
+
+
+def test_a_scene_that_does_not_hold_is_told(panda, tmp_path):
+    """The friction that the plan counts on is not there any more."""
+    slippery = replace(panda, friction=replace(panda.friction, mu=0.05 * panda.friction.mu))
+    sent = slippery.to_mujoco(tmp_path / "scene.xml", scene=True, hold=0.6, rate=250.0)
+    assert played(tmp_path / "scene.xml")[0] > 0.01
+    assert any("does not hold" in note for note in sent.notes)
 
 
 @pytest.mark.parametrize("command", ["impedance", "position"])

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import coal
 import mujoco
 import numpy as np
+import own_hands
 import pinocchio as pin
 import pytest
 from swinging_shape import CENTRE, SHAPES, engine, one_joint, pose, width
@@ -182,6 +183,37 @@ def test_a_spinning_object_keeps_momentum_and_energy_to_first_order():
     coarse, fine = np.array(drift(1e-3)), np.array(drift(2.5e-4))
     assert (fine < 2e-3).all()
     np.testing.assert_allclose(coarse / fine, 4.0, rtol=0.3)
+
+
+def test_energy_of_a_hand_with_motors_beyond_coupled_joints(tmp_path):
+    """However often it is asked for: half the sum of each link's v^T I v by Pinocchio's forward kinematics, and of the
+    rotors, to rounding.
+    """
+    limit = "-1 1.4 5 4"
+    parts = [own_hands.link("palm", 0.5, "box 0.1 0.1 0.03", "0 0 -0.015")]
+    for i, x in enumerate((-0.05, 0.05)):
+        parts += [own_hands.link(f"{name}{i}", 0.04, "cylinder 0.007 0.03", "0 0 0.015") for name in ("a", "b", "c")]
+        parts += [
+            own_hands.joint(f"first{i}", "palm", f"a{i}", f"{x} 0 0", "0 1 0", limit),
+            own_hands.joint(f"middle{i}", f"a{i}", f"b{i}", "0 0 0.03", "0 1 0", limit, mimic=f"first{i} 0.7 0.1"),
+            own_hands.joint(f"last{i}", f"b{i}", f"c{i}", "0 0 0.03", "0 1 0", limit),
+        ]
+    (tmp_path / "hand.urdf").write_text(own_hands.robot("coupled", *parts))
+    hand = pg.load_hand(tmp_path / "hand.urdf")
+    body = Sphere(radius=0.01, mass=0.1, pose=pose(np.eye(3), [0.0, 0.0, 5.0]))
+    task = SimpleNamespace(
+        links=(), hand=hand, body=body, gravity_o=np.zeros(3), torque_limit=np.full(hand.n, np.inf), carrier=""
+    )
+    servo, rng = Servo.of(hand), np.random.default_rng(5)
+    made = PinocchioEngine(task, time_step=1e-3, servo=servo, mass_factor=1.0)
+    for _ in range(4):
+        q, v = rng.uniform(-0.5, 0.8, hand.n), rng.normal(size=hand.n)
+        made.place(q, v)
+        made.touches()
+        data = hand.model.createData()
+        pin.forwardKinematics(hand.model, data, q, v)
+        links = sum(own.vtiv(data.v[j]) for j, own in enumerate(hand.model.inertias) if j)
+        assert made.kinetic_energy() == pytest.approx(0.5 * (links + servo.rotor @ v**2), rel=1e-12)
 
 
 def test_hand_and_object_feel_opposite_forces():

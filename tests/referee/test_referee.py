@@ -50,6 +50,22 @@ def held(plan):
     return simulate(plan)
 
 
+def test_parts_are_in_the_order_of_the_plans_contacts(brisk):
+    """Whatever order the plan has them in; what each part does belongs to its name."""
+    task = Task.of(brisk)
+    seen = simulate(task, hold=0.05)
+    assert seen.parts == brisk.contacts.names
+    assert seen.planned_forces == pytest.approx(brisk.forces.normal_forces)
+    order = [2, 0, 1]
+    arrays = ("points_o", "normal_forces", "settled_forces", "depths", "mu")
+    named = {name: getattr(task, name)[order] for name in arrays} | {"forces_o": task.forces_o[:, order]}
+    named |= {name: tuple(getattr(task, name)[i] for i in order) for name in ("names", "links")}
+    turned = simulate(replace(task, **named), hold=0.05)
+    assert turned.parts == tuple(seen.parts[i] for i in order)
+    assert turned.normal_forces == pytest.approx(seen.normal_forces[:, order], rel=1e-6, abs=1e-6)
+    assert list(turned.summary()["final_forces_N"]) == list(turned.parts)
+
+
 def closed_plan(hand, body, pose, safety=1.5, **settings):
     """A hand closed on a body at a pose in the hand's frame, planned."""
     conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=safety))
