@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import shown
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.elements import MOST_ELEMENTS, floats, parse_xml, read_bytes
+from pinograsp.hands.file_reads import is_there
 from pinograsp.spatial import Array
 
 # All actuators are one kind to MuJoCo, with one set of defaults; the shortcuts set their gain and bias.
@@ -100,7 +100,7 @@ class Source:
 
     def _included(self, name: str, path: Path) -> tuple[Path, ElementTree.Element]:
         """The named file, beside the one that includes it or beside the first, and its outermost element."""
-        found = next((one.resolve() for one in (path.parent / name, self.folder / name) if os.path.isfile(one)), None)
+        found = next((one.resolve() for one in (path.parent / name, self.folder / name) if is_there(one)), None)
         if found is None:
             raise ValueError("no such file")
         if not (self.trusted or found.is_relative_to(self.folder)):

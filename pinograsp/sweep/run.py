@@ -107,7 +107,7 @@ def sweep(
     one_of("backend", backend, BACKENDS)
     check_backend(backend, scheduler)
     spec = spec if isinstance(spec, SweepSpec) else load_sweep(spec)
-    payload = spec.base.model_dump_json()
+    payload = spec.base.model_copy(update={"files": spec.files}).model_dump_json()
     kinds = {key: kind_of(values) for key, values in spec.inputs.items()}
     with Store(Path(folder), spec.settings(), spec.rows, {**kinds, **FIGURES[spec.what]}) as store:
         chunks = _Chunks(spec, np.flatnonzero(~store.have))
