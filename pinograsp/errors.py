@@ -11,6 +11,10 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pinograsp.words import escaped, printable
+
+_LONGEST_PROBLEM = 600  # characters about a file of grasps
+
 
 class Status(str, Enum):
     """How a stage, a plan or a command ended. ``Status.OK`` is the only success."""
@@ -45,7 +49,12 @@ class Status(str, Enum):
 
 
 class PinograspError(Exception):
-    """Root of every exception this package raises on purpose."""
+    """Root of every exception this package raises on purpose. Its text has no characters that steer a terminal: names
+    in it may be those of a stranger's file.
+    """
+
+    def __str__(self) -> str:
+        return escaped(super().__str__(), keep="\n")
 
 
 class InvalidInput(PinograspError, ValueError):
@@ -71,15 +80,15 @@ class GraspsNotRead(InvalidInput):
 
     Attributes:
         source: the file.
-        problem: what was expected, what came, and what to do.
+        problem: what was expected, what came, and what to do; on one line.
         row: the row it is about, from 0; None for the file. Rows before it were good.
     """
 
     def __init__(self, source: str | Path, problem: str, row: int | None = None):
-        self.source, self.problem, self.row = str(source), problem, row
+        self.source, self.problem, self.row = str(source), printable(problem, _LONGEST_PROBLEM), row
         where = "" if row is None else f", row {row}"
         name = self.source if len(self.source) <= 300 else f"...{self.source[-297:]}"
-        super().__init__(f"grasps '{name}'{where}: {problem}")
+        super().__init__(f"grasps '{printable(name, _LONGEST_PROBLEM)}'{where}: {self.problem}")
 
 
 class ResultsNotWritten(InvalidInput):

@@ -19,10 +19,10 @@ PACKAGE, TESTS = ROOT / "pinograsp", ROOT / "tests"
 
 # The way of the data: a room imports only from itself and from rooms before it.
 ROOMS = [
+    "words",
     "errors",
     "spatial",
     "checks",
-    "words",
     "showing",
     "interrupts",
     "writing",

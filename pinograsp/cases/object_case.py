@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import glob
 import json
 import os
@@ -22,6 +21,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, GraspConditions, Reserve
 from pinograsp.forces.conditions import SOFT
 from pinograsp.hands import HandModel, load_hand
+from pinograsp.hands.file_reads import Kept
 from pinograsp.hands.load import Masses
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
@@ -148,12 +148,14 @@ class ObjectCase(Section):
         return self.model_dump(mode="json")
 
     def load_hand(self) -> HandModel:
-        """The hand at the world's origin; hands that were loaded before are reused."""
+        """The hand at the world's origin; one that was loaded before is reused until one of its files changes."""
         beside = self.folder / self.hand
         settings = self.model_dump(include=_OF_THE_HAND)
         settings["packages"] = self._packages()
         settings["srdf"] = self.srdf and str(self.folder / Path(self.srdf).expanduser())
-        return _hand(str(beside) if os.path.isfile(beside) else self.hand, json.dumps(settings, sort_keys=True))
+        source = str(beside) if os.path.isfile(beside) else self.hand
+        key = (os.getcwd(), source, json.dumps(settings, sort_keys=True))
+        return _HANDS.get(key, lambda: load_hand(source, **settings))
 
     def _packages(self) -> dict[str, str]:
         return {name: str(self.folder / Path(folder).expanduser()) for name, folder in self.packages.items()}
@@ -291,8 +293,4 @@ def _text(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-@functools.lru_cache(maxsize=4)
-def _hand(source: str, settings: str) -> HandModel:
-    """A hand by arguments of :func:`load_hand` as JSON, which has an order."""
-    chosen = json.loads(settings)
-    return load_hand(source, **chosen)
+_HANDS: Kept[HandModel] = Kept(4)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -27,8 +27,23 @@ def validated(kind: type[_Model], data: Mapping[str, Any], what: str) -> _Model:
     try:
         return kind.model_validate(data)
     except ValidationError as error:
-        lines = dict.fromkeys(map(line_of, error.errors()))
+        lines = dict.fromkeys(line_of(one, _keys_beside(kind, one["loc"])) for one in error.errors())
         raise CaseRejected(f"{what} is not valid: " + "; ".join(lines)) from None
+
+
+def _keys_beside(kind: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:
+    """The keys that may stand where an error is, in a file of that kind."""
+    kinds = [kind]
+    for part in loc[:-1]:  # numbers of items, and pydantic's tags of unions, lead no further
+        fields = [field for one in kinds for name, field in one.model_fields.items() if part in (name, field.alias)]
+        kinds = [model for field in fields for model in _models_in(field.annotation)] or kinds
+    return [field.alias or name for one in kinds for name, field in one.model_fields.items() if not field.exclude]
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models_in(part)]
 
 
 def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, keys: str) -> dict[str, Any]:
@@ -146,4 +161,6 @@ def line_of(error: ErrorDetails, known: Sequence[str] = ()) -> str:
 
 def place_of(error: ErrorDetails) -> str:
     """The dotted key of one of pydantic's errors, without pydantic's tags of unions."""
-    return ".".join(str(part) for part in error["loc"] if part not in ("Steps", "tuple[float, ...]", "range", "list"))
+    return ".".join(
+        str(part) for part in error["loc"] if "[" not in str(part) and part not in ("Steps", "range", "list")
+    )

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import difflib
 import functools
-import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast
+from typing import Annotated, Any, Literal, NamedTuple, cast
 
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
@@ -26,10 +26,12 @@ from pinograsp.contacts import ContactSet
 from pinograsp.errors import CaseRejected, InvalidInput
 from pinograsp.forces import ForceProblem
 from pinograsp.hands import HandModel
+from pinograsp.hands.file_reads import ABSENT, Kept, noting_files
 
 IMPACT_TIME = "impact_time"  # t_I of ``what: forces``, the only input that is not a key of a case
 _MOST = 10_000_000  # rows; their indices are kept in memory
 _BIGGEST = 10_000_000  # bytes of a sweep file: lists of values may be long
+_WITH_FILES = ("hand", "object", "packages", "xacro_args", "srdf")  # inputs that may name other files
 _LOOKED_AT = 20  # number of first rows of which at least one must be usable
 
 
@@ -277,12 +279,36 @@ class SweepSpec(Section):
         )
         return CaseRejected(f"sweep '{self.name}': {text}{hint}")
 
+    @functools.cached_property
+    def files(self) -> dict[str, str]:
+        """All files that hands and objects of the rows are made of, ``{path: SHA-256}``."""
+        start = self.row(0)
+        rows = [start]
+        for key, values in self.inputs.items():
+            if key.partition(".")[0] in _WITH_FILES:
+                named = {text: value for value in values if '"' in (text := json.dumps(value))}
+                rows += [{**start, key: value} for value in named.values()]
+        with noting_files() as files:
+            for row in rows:
+                with contextlib.suppress(InvalidInput):  # it will be a row that says so
+                    case = self.base.case(row)
+                    case.load_hand()
+                    case.make_object()
+        return files
+
     def settings(self) -> dict[str, Any]:
-        """The sweep as plain values, with the values of its case and a digest of the hand's file."""
-        case = self.base.case({})
-        source = case.folder / (case.hand.source if isinstance(case, Case) else case.hand)
-        digest = hashlib.sha256(source.read_bytes()).hexdigest() if os.path.isfile(source) else None
-        return {**self.model_dump(mode="json", by_alias=True), "of": case.settings(), "hand_file_sha256": digest}
+        """The sweep as plain values, with the values of its case and the contents of all its files, wherever they
+        lie.
+        """
+        contents: dict[str, list[str]] = {}
+        for path, digest in sorted(self.files.items(), key=lambda one: one[1]):
+            if digest != ABSENT:
+                contents.setdefault(os.path.basename(path), []).append(digest)
+        return {
+            **self.model_dump(mode="json", by_alias=True),
+            "of": self.base.case({}).settings(),
+            "files": contents,
+        }
 
 
 class _Start(NamedTuple):
@@ -294,13 +320,16 @@ class _Start(NamedTuple):
 
 
 class Base(Section):
-    """What the rows of a sweep share, as plain values for other processes; ``always``: the impact time, where fixed."""
+    """What the rows of a sweep share, as plain values for other processes; ``always``: the impact time, where fixed;
+    ``files``: those that they are made of, ``{path: SHA-256}``.
+    """
 
     kind: Literal["case", "object"]
     what: Literal["plan", "forces"]
     folder: str
     data: dict[str, Any]
     always: dict[str, Any]
+    files: dict[str, str] = {}
 
     def case(self, inputs: dict[str, Any]) -> HeldCase | ObjectCase:
         """The case of one row.
@@ -343,15 +372,15 @@ class HeldCase(Case):
 
     def load_hand(self) -> HandModel:
         """The hand, placed, with the case's limits."""
-        return _held(_HANDS, (self.folder, self.hand.model_dump_json()), super().load_hand)
+        return _HANDS.get((os.getcwd(), self.folder, self.hand.model_dump_json()), super().load_hand)
 
     def make_contacts(self, hand: HandModel) -> ContactSet:
         """The contacts of ``hand``, this case's own, on the object, whatever its mass."""
         touched = self.object.model_dump_json(exclude={"mass"})
         motion = self.motion.model_dump_json(include={"touch", "posture_deg"})
         contacts = tuple(contact.model_dump_json() for contact in self.contacts)
-        key = (self.folder, self.hand.model_dump_json(), touched, motion, contacts, self.gravity)
-        return _held(_CONTACTS, key, lambda: super(HeldCase, self).make_contacts(hand))
+        key = (hand, touched, motion, contacts, self.gravity)
+        return _CONTACTS.get(key, lambda: super(HeldCase, self).make_contacts(hand))
 
     def problem(self) -> ForceProblem:
         """The force problem, without torque limits.
@@ -369,19 +398,8 @@ class HeldCase(Case):
         return self.forces.objective
 
 
-_HANDS: dict[Hashable, HandModel] = {}
-_CONTACTS: dict[Hashable, ContactSet] = {}
-_KEPT = 4
-_Held = TypeVar("_Held")
-
-
-def _held(kept: dict[Hashable, _Held], key: Hashable, make: Callable[[], _Held]) -> _Held:
-    """What is kept under ``key``, made now where it is not; a few are kept."""
-    if key not in kept:
-        if len(kept) == _KEPT:
-            kept.clear()
-        kept[key] = make()
-    return kept[key]
+_HANDS: Kept[HandModel] = Kept(4)
+_CONTACTS: Kept[ContactSet] = Kept(4)
 
 
 def load_sweep(source: str | Path | dict[str, Any]) -> SweepSpec:

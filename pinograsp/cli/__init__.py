@@ -1,10 +1,13 @@
-"""The command ``pinograsp``. Exit codes: 0 success, 2 unusable input, 3 no grasp or a lost one, 130 interrupted."""
+"""The command ``pinograsp``. Exit codes: 0 success, 2 unusable input, 3 no grasp or a lost one, 130 interrupted, 141
+nobody reads what is printed.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import os
+import select
 import shutil
 import signal
 import sys
@@ -42,15 +45,22 @@ __all__ = [
     "view",
 ]
 
+_CUT_OFF = 141  # as shells tell of tools that end by SIGPIPE
 _UsageError: Any = typer.BadParameter.__base__  # of click, or of the copy of it that typer brings
 
 
 def main() -> None:
     """Entry point: runs the command line and ends the process."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed before the start
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
     code = run()
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError):
+        try:
             stream.flush()
+        except OSError:  # what could not be printed would be tried, and told, once more at the end
+            with contextlib.suppress(OSError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     if code == 130:
         # At once: after Ctrl-C in compiled code, an orderly exit could end by the signal instead, or crash.
         os._exit(130)
@@ -68,11 +78,25 @@ def run() -> int:
         code = int(app(prog_name="pinograsp", standalone_mode=False) or 0)
         sys.stdout.flush()
     except BaseException as error:
+        if _is_cut_off(error):
+            return _CUT_OFF
         code = _report(error)
     if code == 130:
-        _as_json(Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", "Run the same command again.")
-        _say("interrupted")
+        if not _as_json(Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", "Run the same command again."):
+            _say("interrupted")
     return code
+
+
+def _is_cut_off(error: BaseException) -> bool:
+    """Whether standard output is a pipe that nobody reads any more, as of ``| head``."""
+    if isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError):  # rich and click say so
+        return True
+    try:
+        poll = select.poll()
+        poll.register(sys.stdout.fileno(), 0)
+        return any(event & select.POLLERR for _, event in poll.poll(0))
+    except (OSError, ValueError):  # no file at all
+        return False
 
 
 def _report(error: BaseException) -> int:
@@ -88,7 +112,6 @@ def _report(error: BaseException) -> int:
             typer.echo(text, err=True)
             return code
         remedy = f"try '{error.ctx.command_path if error.ctx else 'pinograsp'} --help'"
-        text += f" ({remedy})"
     elif isinstance(error, PinograspError | OSError | MemoryError):
         text = str(error) if str(error) or not isinstance(error, MemoryError) else "not enough memory: ask for less"
     else:
@@ -97,15 +120,17 @@ def _report(error: BaseException) -> int:
     text = as_options(text)
     if given["verbose"]:
         traceback.print_exception(error)
-    _as_json(status, name, text, remedy or status.remedy)
-    _say(text)
+    if not _as_json(status, name, text, remedy or status.remedy):
+        _say(f"{text} ({remedy})" if remedy else text)
     return code
 
 
-def _as_json(status: Status, name: str, text: str, remedy: str) -> None:
+def _as_json(status: Status, name: str, text: str, remedy: str) -> bool:
     """Where that is asked for and none was printed, print one object: status, error, message, and what to do."""
-    if "--json" in sys.argv and not given["quiet"] and not given["told"]:
+    asked = "--json" in sys.argv and not given["quiet"] and not given["told"]
+    if asked:
         tell_json({"status": str(status), "error": name, "message": text, "remedy": remedy})
+    return asked
 
 
 def _interrupted(error: BaseException | None) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -32,7 +33,7 @@ from pinograsp.cli.app import (
     tell_json,
 )
 from pinograsp.cli.screen import console, listed, show
-from pinograsp.errors import InvalidInput
+from pinograsp.errors import InvalidInput, Status
 
 if TYPE_CHECKING:
     from pinograsp.sweep import Certified
@@ -52,7 +53,10 @@ def certify(
             autocompletion=completion.hands,
         ),
     ],
-    objects: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the objects that the files name.")],
+    objects: Annotated[
+        Path,
+        typer.Option(metavar="DIR", help="Folder of the objects that the files name; or the file of the one object."),
+    ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the rows, as Parquet files.")],
     format: Annotated[
         str,
@@ -163,24 +167,35 @@ def certify(
     if picture is not None and done.rows:
         certified_picture(done.table().to_pydict(), picture)
     if as_json:
+        status, remedy = Status.OK, ""
+        if done.interrupted:
+            status, remedy = Status.INTERRUPTED, "Some grasps are left: the same command continues."
+        elif done.faults:
+            status = Status.INVALID_INPUT
+            remedy = "Mend or remove the files that faults name: the same command certifies them, too."
         more = {"written": [str(path) for path in written], "unwritten": unwritten}
-        tell_json(done.summary() | more)
+        tell_json({"status": str(status), "remedy": remedy} | done.summary() | more)
     else:
         _print(done, written, unwritten)
     if done.interrupted:
         raise typer.Exit(130)
+    if done.faults:
+        raise typer.Exit(2)
     if not done.rows:
         raise typer.Exit(3)
 
 
 def _listed(given: list[Path]) -> list[Path]:
-    """The files, those of folders in the order of their names."""
+    """The files, those of folders in the order of their names, also what is no file and will be a fault."""
     found: list[Path] = []
     for path in given:
-        inside = sorted(one for one in path.rglob("*") if one.is_file() and not one.name.startswith("."))
-        if path.is_dir() and not inside:
+        if not os.path.isdir(path):
+            found.append(path)
+            continue
+        inside = sorted(one for one in path.rglob("*") if not os.path.isdir(one) and not one.name.startswith("."))
+        if not inside:
             raise InvalidInput(f"FILES: expected files of grasps, got '{path}', an empty folder")
-        found += inside if path.is_dir() else [path]
+        found += inside
     return found
 
 
@@ -200,7 +215,9 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> N
         if reason in words:
             table.add_row(reason, str(count), f"{100 * count / done.rows:.1f} %", words[reason])
     screen.print(table)
-    facts = [("not used", f"{file}: {message}") for file, message in list(done.faults.items())[:_SHOWN]]
+    facts = [("again", f"{len(done.changed)} files, which had changed or their objects: {', '.join(done.changed)}")]
+    facts = facts if done.changed else []
+    facts += [("not used", f"{file}: {message}") for file, message in list(done.faults.items())[:_SHOWN]]
     if len(done.faults) > _SHOWN:
         facts.append(("not used", f"{len(done.faults) - _SHOWN} more files, see the rows 'refused'"))
     facts += [("look at", f"{hint}. {_MEANT}") for hint in list(done.hints.values())[:_SHOWN]]

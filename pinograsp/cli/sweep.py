@@ -15,6 +15,12 @@ if TYPE_CHECKING:
     from pinograsp.sweep import Sweep
 
 
+_REMEDY = {
+    Status.INTERRUPTED: "Some rows are left: the same command continues.",
+    Status.NOT_FOUND: "No row is a plan that holds: the column message says why, row by row.",
+}
+
+
 @app.command()
 def sweep(
     file: Annotated[
@@ -58,13 +64,15 @@ def sweep(
         scheduler=scheduler,
         progress=bar(as_json),
     )
+    usable = any(done.counts.get(status) for status in Status if status.exit_code == 0)
     if as_json:
-        tell_json(done.summary())
+        status = Status.INTERRUPTED if done.interrupted else Status.OK if usable else Status.NOT_FOUND
+        tell_json({"status": str(status), "remedy": _REMEDY.get(status, "")} | done.summary())
     else:
         _print(done, file)
     if done.interrupted:
         raise typer.Exit(130)
-    if not any(done.counts.get(status) for status in Status if status.exit_code == 0):
+    if not usable:
         raise typer.Exit(3)
 
 

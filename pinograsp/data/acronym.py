@@ -21,8 +21,10 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pinograsp.checks import shown
 from pinograsp.data import hdf5_child
 from pinograsp.data.files import LARGEST, File
+from pinograsp.data.keys import NAME, is_name
 from pinograsp.data.rows import Draft, GraspRows
 from pinograsp.data.written import Payload
 from pinograsp.errors import ExtraMissing, GraspsNotRead
@@ -59,7 +61,7 @@ class _Frames:
         self._file, self._child, self._stream = file, child, stream
 
     def _refusal(self, problem: str) -> GraspsNotRead:
-        return GraspsNotRead(self._file.source, printable(f"acronym: {problem}", 600))
+        return GraspsNotRead(self._file.source, f"acronym: {problem}")
 
     def _bytes(self, size: int) -> bytes:
         content = self._stream.read(size)
@@ -79,6 +81,9 @@ class _Frames:
         document: dict[str, Any] = json.loads(self._frame())
         if "refused" in document:
             raise self._refusal(document["refused"])
+        for key in ("object", "gripper"):
+            if not is_name(document[key]):
+                raise self._refusal(f"name of the {key}: expected {NAME}, got {shown(document[key])}")
         return document
 
     def column(self, kind: str, shape: tuple[int, ...]) -> NDArray[Any]:

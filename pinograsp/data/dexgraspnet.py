@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from pinograsp.checks import shown
 from pinograsp.data.files import File
 from pinograsp.data.keys import Keys, as_numbers, stacked
 from pinograsp.data.rotations import poses_from_sxyz, sxyz_from_poses
@@ -100,12 +101,12 @@ class _Row:
 def _posture(keys: Keys, joints: tuple[str, ...] | None) -> tuple[list[float], list[float], tuple[str, ...]]:
     keys.need((*_PLACE, *_ANGLES))
     names = tuple(name for name in keys.values if name not in _PLACE and name not in _ANGLES)
-    if not all(isinstance(name, str) for name in names):
-        raise keys.refusal("expected names of joints")
-    if joints is not None:
+    if joints is None:
+        names = keys.names(names)
+    else:
         if set(names) != set(joints):
-            odd = sorted(set(names) ^ set(joints))[:4]
-            raise keys.refusal(f"expected the joints of the rows before, which differ by {', '.join(odd)}")
+            odd = ", ".join(sorted(shown(name) for name in set(names) ^ set(joints))[:4])
+            raise keys.refusal(f"expected the names of joints of the rows before, which differ by {odd}")
         names = joints
     return [keys.number(name) for name in (*_PLACE, *_ANGLES)], [keys.number(name) for name in names], names
 

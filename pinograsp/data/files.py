@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import stat
 from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
@@ -31,11 +33,13 @@ class File:
         self.path = path_of("path", path)
         self.source = str(self.path)
         try:
-            if not self.path.is_file():
-                raise GraspsNotRead(
-                    self.source, "expected a file, got a folder" if self.path.is_dir() else "no such file"
-                )
-            self.size = self.path.stat().st_size
+            if not os.path.lexists(self.path):
+                raise GraspsNotRead(self.source, "no such file")
+            status = self.path.stat()
+            if not stat.S_ISREG(status.st_mode):  # a pipe would keep its reader waiting, a device might never end
+                kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, a device or a socket"
+                raise GraspsNotRead(self.source, f"expected a file, got {kind}")
+            self.size = status.st_size
             with open(self.path, "rb") as stream:
                 self.head = stream.read(4096)
         except (OSError, ValueError) as error:

@@ -2,7 +2,8 @@
 
 Layout as of ``docs/GRASP_DATASET_FORMAT.md`` of NVlabs/GraspGen: ``object`` {``file``, ``scale``}, ``grasps``
 {``transforms`` (N, 4, 4) of the gripper's base link in the object's frame (fingers close along x, and reach along z),
-``object_in_gripper`` (N,)}. The gripper is not named in the file.
+``object_in_gripper`` (N,)}. The published data set (PhysicalAI-Robotics-GraspGen) has no ``file``: its files are called
+after the object; and a column (N, 1). The gripper is not named in the file.
 """
 
 from __future__ import annotations
@@ -32,14 +33,16 @@ def read(file: File) -> Iterator[Draft]:
     keys = Keys(file.source, value, "graspgen")
     keys.need(["object", "grasps"])
     about, grasps = keys.inner("object"), keys.inner("grasps")
-    about.need(["file", "scale"])
+    about.need(["scale"])
     grasps.need(_GRASPS)
     transforms = grasps.get("transforms")
     if not isinstance(transforms, list):
         raise grasps.refusal("'transforms': expected a list of 4 x 4 matrices")
     matrices = [as_numbers(one) for one in transforms]
     good = [one is not None and one.shape == (4, 4) for one in matrices]
-    success = grasps.array("object_in_gripper", (len(transforms),)) if transforms else np.zeros(0)
+    success = grasps.any_array("object_in_gripper")
+    if success.size != len(transforms) or success.shape[:1] != (len(transforms),):
+        raise grasps.refusal(f"'object_in_gripper': expected {len(transforms)} truth values, got {success.shape}")
     labels, extras = grasps.leftovers(_GRASPS, len(transforms))
     draft = Draft(
         poses=np.array(
@@ -47,9 +50,9 @@ def read(file: File) -> Iterator[Draft]:
         ).reshape(-1, 4, 4),
         q=np.zeros((len(transforms), 0)),
         scale=np.full(len(transforms), about.number("scale")),
-        object_name=about.text("file"),
+        object_name=about.text("file") if "file" in about else "",
         hand_name=keys.inner("gripper").text("name") if "gripper" in keys else "",
-        labels={"object_in_gripper": success != 0, **labels},
+        labels={"object_in_gripper": success.reshape(-1) != 0, **labels},
         extras=extras,
     )
     draft.refuse(~np.array(good, dtype=bool), "'grasps/transforms': expected a 4 x 4 matrix of numbers")
@@ -72,7 +75,10 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
     labels = dict(payload.labels)
     success = labels.pop("object_in_gripper", np.ones(rows.n, dtype=bool))
     document: dict[str, Any] = {
-        "object": {"file": rows.object_name, "scale": float(rows.scale[0]) if rows.n else 1.0},
+        "object": {
+            **({"file": rows.object_name} if rows.object_name else {}),
+            "scale": float(rows.scale[0]) if rows.n else 1.0,
+        },
         "grasps": {
             **{name: array.tolist() for table in (labels, payload.extras) for name, array in table.items()},
             **payload.texts,

@@ -36,9 +36,7 @@ def read(file: File) -> Iterator[Draft]:
     parameters = keys.inner("parameters")
     root = parameters.array(_ROOT, (None, 7))
     count = len(root)
-    joints = tuple(name for name in parameters.values if name != _ROOT)
-    if not all(isinstance(name, str) for name in joints):
-        raise parameters.refusal("expected names of joints")
+    joints = parameters.names(name for name in parameters.values if name != _ROOT)
     poses, bad = poses_from_wxyz(root)
     labels, extras = keys.leftovers((), count)
     for name, inner in keys.values.items():

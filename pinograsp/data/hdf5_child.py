@@ -19,7 +19,9 @@ GRASPS = "grasps"
 FACTS = ("mass", "com", "inertia", "density", "friction", "volume")
 _MOST_FACTS = 100  # numbers of each
 _MOST_A_GRASP = 10_000  # numbers
-_DENSEST = 1000  # times that placements may shrink in a file
+_DENSEST = 100  # times that numbers may shrink in a file; labels of true and false do by less
+_FEW_BYTES = 1_000_000  # of numbers that need not be in the file
+_LONGEST_TEXT = 100_000  # [bytes]
 _MEMORY = 2**33  # [bytes] of addresses
 _TIME = 600  # [s]
 
@@ -31,7 +33,7 @@ class Refused(ValueError):
 class Reader:
     """An open file, and what is looked at in it: nothing behind links, and nothing outside of this very file."""
 
-    def __init__(self, h5: Any, size: int):
+    def __init__(self, h5: Any):
         import h5py
 
         self._h5, self._dataset, self._group, self._link = h5, h5py.Dataset, h5py.Group, h5py.HardLink
@@ -42,8 +44,7 @@ class Reader:
         if len(shape) != 3 or shape[1:] != (4, 4):
             raise Refused(f"'{TRANSFORMS}': expected the shape (N, 4, 4), got {shape}")
         self.count = int(shape[0])
-        if self.count * 128 > _DENSEST * size:
-            raise Refused(f"{self.count} grasps in a file of so few bytes: it is not read")
+        self._check_stored(TRANSFORMS)
         scale = self._numbers("object/scale")
         if len(scale) != 1:
             raise Refused(f"'object/scale': expected a number, got {len(scale)}")
@@ -74,16 +75,23 @@ class Reader:
             raise Refused(f"'{name}' lies in another file, which is not read")
         return at
 
+    def _check_stored(self, name: str) -> None:
+        """Refuse a dataset with far fewer bytes in the file than numbers."""
+        data = self._at(name)
+        if data.nbytes > _FEW_BYTES + _DENSEST * data.id.get_storage_size():
+            raise Refused(f"'{name}': {data.size} numbers in so few bytes of the file: it is not read")
+
     def _text(self, name: str) -> str:
         data = self._at(name)
-        value = data[()] if isinstance(data, self._dataset) and data.shape == () else None
+        single = isinstance(data, self._dataset) and data.shape == () and data.dtype.itemsize <= _LONGEST_TEXT
+        value = data[()] if single else None
         try:
             text = value.decode("utf-8") if isinstance(value, bytes) else value
         except UnicodeDecodeError:
             text = None
         if not isinstance(text, str):
             raise Refused(f"'{name}': expected a text")
-        return text[:10_000]
+        return text
 
     def _numbers(self, name: str) -> list[float]:
         data = self._at(name)
@@ -104,6 +112,7 @@ class Reader:
                 if isinstance(data, self._dataset) and data.dtype.kind in "fiub" and data.shape[:1] == (self.count,):
                     if data.size > _MOST_A_GRASP * self.count:
                         raise Refused(f"'{path}': too many numbers a grasp")
+                    self._check_stored(path)
                     columns.append(path)
         return columns
 
@@ -126,10 +135,8 @@ def main(path: str, block: int) -> None:
     try:
         import h5py
 
-        with open(path, "rb") as stream:
-            size = stream.seek(0, 2)
         with h5py.File(path, "r") as h5:
-            reader = Reader(h5, size)
+            reader = Reader(h5)
             frame(json.dumps(reader.header).encode())
             for begin in range(0, reader.count, block):
                 for content in reader.block(begin, min(begin + block, reader.count)):

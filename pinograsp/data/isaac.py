@@ -1,9 +1,12 @@
 """Isaac grasp files: YAML.
 
-Layout as of NVIDIA's documentation of Isaac Sim's grasp editor, and of ``grasp_gen/dataset/eval_utils.py`` of
-NVlabs/GraspGen: ``format: isaac_grasp``, ``format_version: 1.0``, and ``grasps`` {name: {``confidence``, ``position``
-[m] and ``orientation`` {``w``, ``xyz``} of the gripper's frame in the object's, ``cspace_position`` and
-``pregrasp_cspace_position`` {joint: value}}}. ``object_frame`` and ``gripper_frame`` are remarks for people.
+Layout as of NVIDIA's documentation of Isaac Sim's Grasp Editor and of Isaac ROS, ``grasp_gen/dataset/eval_utils.py`` of
+NVlabs/GraspGen and the documentation of NVlabs/GraspDataGen: ``format: isaac_grasp``, ``format_version: 1.0`` (or
+``"1.0"``), and ``grasps`` {name: {``confidence``, ``position`` [m] and ``orientation`` {``w``, ``xyz``} of the gripper's
+frame in the object's, ``cspace_position`` and ``pregrasp_cspace_position`` {joint: value}}}. What the object is called
+stands under ``object_frame`` (``object_frame_link`` of the Grasp Editor), the gripper under ``gripper_frame``
+(``gripper_frame_link``): remarks for people. GraspDataGen has ``object_file``, ``object_scale`` and ``gripper_file``
+instead, and GraspGen's export neither.
 """
 
 from __future__ import annotations
@@ -23,8 +26,10 @@ from pinograsp.data.written import Payload
 from pinograsp.errors import GraspsNotRead
 from pinograsp.spatial import Array
 
+_OBJECT = ("object_file", "object_frame", "object_frame_link")  # the first that a file has
+_GRIPPER = ("gripper_file", "gripper_frame", "gripper_frame_link")
 _DEEPEST = 10  # mappings and lists within each other
-_TAKEN = ("confidence", "position", "orientation", "cspace_position", "pregrasp_cspace_position")
+_TAKEN = ("position", "orientation", "cspace_position", "pregrasp_cspace_position")
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
@@ -36,7 +41,7 @@ def read(file: File) -> Iterator[Draft]:
         raise GraspsNotRead(file.source, problem)
     keys = Keys(file.source, value, "isaac")
     keys.need(["format", "format_version", "grasps"])
-    if keys.get("format") != "isaac_grasp" or keys.get("format_version") != 1.0:
+    if keys.get("format") != "isaac_grasp" or keys.get("format_version") not in (1.0, "1.0"):
         raise keys.refusal("expected format: isaac_grasp and format_version: 1.0")
     grasps = keys.inner("grasps")
     rows: list[_Row] = []
@@ -60,10 +65,9 @@ def _draft(rows: list[_Row], keys: Keys, fault: str | None, problem: str | None)
         poses=poses,
         q=np.array([row.q for row in more], dtype=float).reshape(len(more), -1 if more else 0),
         joint_names=rows[0].joints if rows else (),
-        scale=np.ones(len(more)),
-        object_name=keys.text("object_frame") if "object_frame" in keys else "",
-        hand_name=keys.text("gripper_frame") if "gripper_frame" in keys else "",
-        labels={"confidence": np.array([row.confidence for row in more])},
+        scale=np.full(len(more), keys.number("object_scale") if "object_scale" in keys else 1.0),
+        object_name=_named(keys, _OBJECT),
+        hand_name=_named(keys, _GRIPPER),
         last=problem,
     )
     if rows and rows[0].before is not None:
@@ -78,17 +82,21 @@ def _draft(rows: list[_Row], keys: Keys, fault: str | None, problem: str | None)
     return draft
 
 
+def _named(keys: Keys, names: tuple[str, ...]) -> str:
+    """What stands under the first of the names that is there, and is not null."""
+    return next((keys.text(name) for name in names if keys.values.get(name) is not None), "")
+
+
 class _Row:
     """One grasp, with the joints of the first one."""
 
     def __init__(self, keys: Keys, first: list[_Row]):
-        keys.need(["confidence", "position", "orientation"])
+        keys.need(["position", "orientation"])
         orientation = keys.inner("orientation")
         orientation.need(["w", "xyz"])
         self.pose = np.concatenate(
             [keys.array("position", (3,)), [orientation.number("w")], orientation.array("xyz", (3,))]
         )
-        self.confidence = keys.number("confidence")
         joints: tuple[str, ...] | None = first[0].joints if first else None
         self.joints: tuple[str, ...]
         self.q, self.joints = _joints(keys, "cspace_position", joints)
@@ -110,10 +118,9 @@ def _joints(keys: Keys, name: str, joints: tuple[str, ...] | None) -> tuple[Arra
             raise keys.refusal(f"expected '{name}', as in the grasps before")
         return np.zeros(0), ()
     inner = keys.inner(name)
-    names = tuple(inner.values)
-    if not all(isinstance(one, str) for one in names) or (joints is not None and set(names) != set(joints)):
+    names = inner.names(inner.values) if joints is None else joints
+    if set(names) != set(inner.values):
         raise inner.refusal("expected the same names of joints in all grasps")
-    names = names if joints is None else joints
     return np.array([inner.number(one) for one in names]), names
 
 
@@ -222,6 +229,7 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
         "format_version": 1.0,
         "object_frame": rows.object_name,
         "gripper_frame": rows.hand_name,
+        **({} if not rows.n or rows.scale[0] == 1 else {"object_scale": float(rows.scale[0])}),
         **payload.texts,
         "grasps": grasps,
     }

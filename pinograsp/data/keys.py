@@ -17,6 +17,8 @@ from pinograsp.words import printable
 _MOST_NUMBERS = 2_000_000  # in lists; arrays have no such limit
 _MOST_STACKED = 2**28  # [bytes] of arrays, which may be the same ones again and again
 _DEEPEST = 6  # lists within each other
+_LONGEST_NAME = 1000  # characters
+NAME = f"a text of at most {_LONGEST_NAME} characters that can be printed"
 
 
 class Keys:
@@ -38,8 +40,8 @@ class Keys:
 
     def refusal(self, problem: str) -> GraspsNotRead:
         """The exception that says ``problem`` of this file."""
-        text = f"{problem} (read as {self._format}; format= says which it is)"
-        return GraspsNotRead(self.source, printable(text, 600), row=self._row)
+        how = f" (read as {self._format}; format= says which it is)"
+        return GraspsNotRead(self.source, printable(problem, 500) + how, row=self._row)
 
     def _at(self, name: str = "") -> str:
         path = f"{self._where}/{name}".strip("/")
@@ -73,21 +75,27 @@ class Keys:
                 value = value[0]
         try:
             text = value.decode("utf-8") if isinstance(value, bytes) else str(value) if isinstance(value, str) else None
-            if text is not None:
-                text.encode("utf-8")
         except UnicodeError:
             text = None
-        if text is None:
-            raise self.refusal(f"{self._at(name)}: expected a text, got {shown(value)}")
+        if text is None or not is_name(text):
+            raise self.refusal(f"{self._at(name)}: expected {NAME}, got {shown(value)}")
         return text
 
     def texts(self, name: str) -> tuple[str, ...]:
         """A list of texts."""
         value = self.get(name)
         items = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind in "UO" else value
-        if not isinstance(items, list | tuple) or not all(isinstance(one, str) for one in items):
+        if not isinstance(items, list | tuple):
             raise self.refusal(f"{self._at(name)}: expected a list of names, got {shown(value)}")
-        return tuple(items)
+        return self.names(items)
+
+    def names(self, items: Iterable[Any]) -> tuple[str, ...]:
+        """Names of joints that stand there."""
+        items = tuple(items)
+        for one in items:
+            if not is_name(one):
+                raise self.refusal(f"{self._at()}: expected a joint's name, {NAME}, got {shown(one)}".lstrip(": "))
+        return items
 
     def number(self, name: str) -> float:
         """A number; NaN and infinity are kept."""
@@ -126,6 +134,13 @@ class Keys:
                 elif array.ndim > 1 and len(array) == count:
                     extras[printable(name)] = array
         return labels, extras
+
+
+def is_name(value: object) -> bool:
+    """Whether a value is what a file may call something: what is printed of it can neither steer a terminal nor fill a
+    screen.
+    """
+    return isinstance(value, str) and len(value) <= _LONGEST_NAME and value.isprintable()
 
 
 def stacked(arrays: Sequence[NDArray[Any] | None], source: str) -> NDArray[Any] | None:

@@ -11,14 +11,20 @@ import io
 import math
 import pickletools
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-_MOST_OPCODES = 20_000_000  # each makes up to some hundred bytes
+_MOST_OPCODES = 5_000_000  # 2 s; data sets have some thousands
 _MOST_BYTES = 2**30  # of all arrays of a file, unpacked
+# Bytes of arrays, and items of lists and dicts with all that stands in several places counted there, for each byte of
+# the file: what is written out has at least one byte an item. The rest is for small files.
+_ARRAYS_A_BYTE, _SMALL = 16, 2**24
+_ITEMS_A_BYTE, _FEW = 2, 1000
+_DEEPEST = 100  # lists and dicts within each other
+_LARGEST_KEY = 2**60  # beyond it, many integers have the same hash, and a dict of them takes for ever
 _OBJECT = 512  # [bytes] that an object in an array counts for: a list may be in many of them
 _MOST_DIMENSIONS = 32
 _LONGEST_LINE = 1000  # characters of a name or a number in text
@@ -73,6 +79,7 @@ class Unpickled:
 
     Args:
         content: the pickle, from its first byte; what comes after its end is not looked at.
+        size: of the file that it is in [bytes], where that holds the numbers of its arrays; default: of the pickle.
         names: further names, with what stands for them: a function of the call's arguments, or any other value.
         stored: what stands for a persistent id, where there may be any.
     """
@@ -81,6 +88,7 @@ class Unpickled:
         self,
         content: bytes,
         *,
+        size: int | None = None,
         names: Mapping[str, Any] | None = None,
         stored: Callable[[Any], Any] | None = None,
     ):
@@ -88,7 +96,9 @@ class Unpickled:
         self._stored = stored
         self._stack: list[Any] = []
         self._memo: dict[int, Any] = {}
-        self._left = _MOST_BYTES
+        self._room = self._left = min(_MOST_BYTES, _SMALL + _ARRAYS_A_BYTE * (len(content) if size is None else size))
+        self._size = len(content)
+        self._most_items = _FEW + _ITEMS_A_BYTE * self._size
         self._opcode = ""
         self.value: Any = None
         try:
@@ -111,6 +121,7 @@ class Unpickled:
                 step(self, argument)
             elif opcode.name == "STOP":
                 self.value = _plain(self._stack.pop())
+                self._check_extent(self.value)
                 return
             elif opcode.name not in _IGNORED:
                 raise PickleRefused(f"opcode {opcode.name} is refused: plain data needs none")
@@ -125,7 +136,31 @@ class Unpickled:
         if above and above[0] is _MARK:
             inner = next((at for at, one in enumerate(above[1:], 1) if one is _MARK), None)
             rows = [*rows, *(above[1:] if inner is None else above[1 : inner - 1])]
-        return [one for one in rows if type(one) is dict and one]
+        complete = [one for one in rows if type(one) is dict and one]
+        try:
+            self._check_extent(complete)
+        except PickleRefused:
+            return []
+        return complete
+
+    def _check_extent(self, value: Any) -> None:
+        """Refuse lists and dicts that hold the same ones again and again, or themselves."""
+        extents: dict[int, int] = {}  # by identity: of what has been counted
+        begun: set[int] = set()
+        waiting = [(value, False)]
+        while waiting:
+            one, counted = waiting.pop()
+            if counted:
+                begun.discard(id(one))
+                extents[id(one)] = 1 + sum(extents.get(id(part), 1) for part in _inner(one))
+                if extents[id(one)] > self._most_items:
+                    raise PickleRefused(f"expected at most {self._most_items} values in {self._size} bytes, got more")
+            elif id(one) in begun or len(begun) > _DEEPEST:
+                raise PickleRefused(f"expected at most {_DEEPEST} lists and dicts within each other")
+            elif id(one) not in extents:
+                begun.add(id(one))
+                waiting.append((one, True))
+                waiting += [(part, False) for part in _inner(one) if isinstance(part, _CONTAINERS)]
 
     # -- opcodes
 
@@ -166,8 +201,10 @@ class Unpickled:
 
     @staticmethod
     def _key(key: Any) -> str | int:
-        if not isinstance(key, str | int):  # tuples within tuples are hashed without an end
-            raise PickleRefused(f"a {_kind(key)} as a key: expected texts and integers")
+        # Tuples within tuples are hashed without an end.
+        if not (isinstance(key, str) or (isinstance(key, int) and -_LARGEST_KEY < key < _LARGEST_KEY)):
+            kind = "too large an int" if isinstance(key, int) else f"a {_kind(key)}"
+            raise PickleRefused(f"{kind} as a key: expected texts and integers")
         return key
 
     def _dict(self) -> None:
@@ -176,10 +213,13 @@ class Unpickled:
         self._set(items)
 
     def _put(self, at: int | None) -> None:
-        self._memo[len(self._memo) if at is None else int(at)] = self._stack[-1]
+        place = len(self._memo) if at is None else at
+        if not 0 <= place <= _MOST_OPCODES:
+            raise PickleRefused(f"expected at most {_MOST_OPCODES} values to come back to, got number {place}")
+        self._memo[place] = self._stack[-1]
 
     def _get(self, at: int) -> None:
-        self._stack.append(self._memo[int(at)])
+        self._stack.append(self._memo[at])
 
     def _global(self, name: str | None) -> None:
         if name is None:
@@ -215,10 +255,15 @@ class Unpickled:
     # -- arrays
 
     def room_for(self, size: int) -> None:
-        """Refuse arrays that are larger altogether than a file of grasps may unpack to."""
+        """Refuse arrays that are larger altogether than a file of this size may unpack to."""
         self._left -= size
         if size < 0 or self._left < 0:
-            raise PickleRefused(f"expected at most {_MOST_BYTES} bytes of arrays, got more")
+            raise PickleRefused(f"expected at most {self._room} bytes of arrays in a file of its size, got more")
+
+    def room_for_shape(self, sizes: tuple[int, ...], size: int) -> None:
+        """As :meth:`room_for`, for an array with numbers of ``size`` bytes each, or with none: even then it has rows."""
+        count = math.prod(sizes)
+        self.room_for(count * size if count else _OBJECT * math.prod(max(one, 1) for one in sizes))
 
     def array(self, kind: Any, shape: Any, raw: Any, fortran: bool) -> NDArray[Any]:
         """An array of a type and a shape from its bytes, or from a list of objects."""
@@ -227,10 +272,10 @@ class Unpickled:
         sizes = sizes_of(shape)
         count = math.prod(sizes)
         order: Any = "F" if fortran else "C"
+        self.room_for_shape(sizes, _OBJECT if kind.dtype.kind == "O" else kind.dtype.itemsize)
         if kind.dtype.kind == "O":
             if type(raw) is not list or len(raw) != count:
                 raise PickleRefused(f"an array of {count} objects from a {_kind(raw)} of others")
-            self.room_for(_OBJECT * count)
             objects = np.empty(count, dtype=object)
             for at, one in enumerate(raw):
                 objects[at] = _plain(one)
@@ -238,10 +283,19 @@ class Unpickled:
         if not isinstance(raw, bytes | bytearray) or len(raw) != count * kind.dtype.itemsize:
             got = f"{len(raw)} bytes" if isinstance(raw, bytes | bytearray) else f"a {_kind(raw)}"
             raise PickleRefused(f"an array of shape {sizes} and type {kind.text} from {got}")
-        self.room_for(len(raw))
         truth = kind.dtype.kind == "b"
         array = np.frombuffer(bytes(raw), dtype=np.uint8 if truth else kind.dtype).reshape(sizes, order=order)
         return array != 0 if truth else array.astype(kind.dtype.newbyteorder("="))
+
+
+_CONTAINERS = (list, tuple, dict, np.ndarray)
+
+
+def _inner(value: Any) -> Iterable[Any]:
+    """What is in a list, a tuple, a dict, or an array of objects."""
+    if isinstance(value, np.ndarray):
+        return value.ravel().tolist() if value.dtype.kind == "O" else ()
+    return value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ()
 
 
 class _Lines(io.BytesIO):
@@ -347,9 +401,6 @@ _PUSHED = {
 _IGNORED = {"PROTO", "FRAME"}
 _STEPS: dict[str, Callable[[Unpickled, Any], object]] = {
     "MARK": lambda m, _: m._stack.append(_MARK),
-    "POP": lambda m, _: m._stack.pop(),
-    "POP_MARK": lambda m, _: m._pop_to_mark(),
-    "DUP": lambda m, _: m._stack.append(m._stack[-1]),
     "NONE": lambda m, _: m._stack.append(None),
     "NEWTRUE": lambda m, _: m._stack.append(True),
     "NEWFALSE": lambda m, _: m._stack.append(False),

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pinograsp.data.pickled import PickleRefused, Unpickled, sizes_of
 
 _MOST_MEMBERS = 100_000
+_MOST_REPEATED = 100_000  # numbers of a tensor that repeats those of its storage, as torch.expand makes them
 # PyTorch's storages by name, with the types of their numbers; bfloat16 are the upper halves of float32.
 _STORAGES = {
     "DoubleStorage": "<f8",
@@ -44,7 +45,7 @@ def read_torch(content: bytes) -> Any:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = _members(archive, len(content))
-            return _Tensors(archive, members).value
+            return _Tensors(archive, members, len(content)).value
     except PickleRefused:
         raise
     except Exception as error:  # zipfile raises whatever comes of a broken file
@@ -69,7 +70,7 @@ def _members(archive: zipfile.ZipFile, size: int) -> dict[str, zipfile.ZipInfo]:
 class _Tensors:
     """An archive, and the tensors of its pickle."""
 
-    def __init__(self, archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo]):
+    def __init__(self, archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo], size: int):
         self._archive, self._members = archive, members
         self._storages: dict[str, NDArray[Any]] = {}
         if "byteorder" in members and archive.read(members["byteorder"]).strip() != b"little":
@@ -80,7 +81,8 @@ class _Tensors:
             "torch._utils _rebuild_parameter": lambda machine, value, *_: value,
             "torch Size": lambda machine, sizes: tuple(sizes_of(sizes)),
         }
-        self.value = Unpickled(archive.read(members["data.pkl"]), names=names, stored=self._storage).value
+        pickled = archive.read(members["data.pkl"])
+        self.value = Unpickled(pickled, size=size, names=names, stored=self._storage).value
 
     def _storage(self, key: Any) -> str:
         """The key of a storage that has been read."""
@@ -111,7 +113,11 @@ class _Tensors:
         last = offset + sum((size - 1) * step for size, step in zip(sizes, steps))
         if len(sizes) != len(steps) or (count and last >= len(storage)):
             raise PickleRefused(f"a tensor of shape {sizes} reaches beyond its storage")
-        machine.room_for(count * storage.itemsize)
+        if count > max(len(storage), _MOST_REPEATED):  # by strides of zero, or less than a row
+            raise PickleRefused(
+                f"expected as many numbers as a tensor has, {count}, in its storage, got {len(storage)}"
+            )
+        machine.room_for_shape(sizes, storage.itemsize)
         if not count:
             return np.empty(sizes, dtype=storage.dtype)
         seen = np.lib.stride_tricks.as_strided(

@@ -135,7 +135,7 @@ def _check(rows: GraspRows, kind: str) -> None:
         )
     if kind not in _EACH_SCALE and len(set(rows.scale.tolist())) > 1:
         raise InvalidInput(f"format: {kind} has one scale a file, got grasps of several: write each scale on its own")
-    if kind in ("graspqp", "isaac") and not np.allclose(rows.scale, 1):
+    if kind == "graspqp" and not np.allclose(rows.scale, 1):
         raise InvalidInput(
             f"format: {kind} has no scale of the object, got {rows.scale[0]:g}: scale its mesh, and give 1"
         )

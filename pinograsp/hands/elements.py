@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from pinograsp.checks import shown
 from pinograsp.errors import HandNotLoaded
+from pinograsp.hands.file_reads import note_content
 
 _XACRO = "{http://www.ros.org/wiki/xacro}"
 # Far above any robot, low enough that reading them takes seconds.
@@ -33,7 +34,9 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
         raise OSError(f"{path} is not a regular file")
     if size > most:
         raise OSError(f"{path} has {size} bytes, more than the {most} that are read")
-    return path.read_bytes()
+    content = path.read_bytes()
+    note_content(path, content)
+    return content
 
 
 def is_text(value: str) -> bool:

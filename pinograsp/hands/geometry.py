@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -14,6 +13,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from pinograsp.checks import brief
+from pinograsp.hands.file_reads import digest_of
 from pinograsp.hands.mesh_file import MOST_TRIANGLES, collision_model, joined, read_triangles, tells_unit
 from pinograsp.spatial import FARTHEST, Array, IntArray
 
@@ -120,7 +120,7 @@ class _Meshes:
         if key not in self.sizes and sum(self.sizes.values()) > MOST_TRIANGLES:
             raise ValueError(f"the meshes before it have more than {MOST_TRIANGLES} triangles: simplify them")
         try:
-            _triangles(shape.path, os.stat(shape.path).st_mtime_ns)
+            _triangles(shape.path, digest_of(shape.path))
         except (ValueError, OSError) as error:
             self.errors[shape.path] = str(error)
             raise
@@ -171,14 +171,14 @@ def _in_metres(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) 
 
 
 @functools.lru_cache(maxsize=2)
-def _triangles(path: str, changed: int) -> tuple[Array, IntArray]:
+def _triangles(path: str, content: str) -> tuple[Array, IntArray]:
     """Those of a file, with every place given once; kept, since many shapes may be the same file in other sizes."""
     return joined(*read_triangles(Path(path)))
 
 
 @functools.lru_cache(maxsize=64)
-def _read(path: str, scale: tuple[float, ...], changed: int) -> coal.BVHModelOBBRSS:
-    vertices, faces = _triangles(path, changed)
+def _read(path: str, scale: tuple[float, ...], content: str) -> coal.BVHModelOBBRSS:
+    vertices, faces = _triangles(path, content)
     with np.errstate(over="ignore"):
         vertices = vertices * scale
     if not np.abs(vertices).max() <= FARTHEST:
@@ -187,12 +187,12 @@ def _read(path: str, scale: tuple[float, ...], changed: int) -> coal.BVHModelOBB
 
 
 def read_mesh(path: str, scale: tuple[float, ...] = (1.0, 1.0, 1.0)) -> coal.BVHModelOBBRSS:
-    """A mesh as coal's bounding-volume tree, kept until its file changes.
+    """A mesh as coal's bounding-volume tree, kept until its file's content changes.
 
     Raises:
         ValueError, OSError: why the file cannot be used.
     """
-    return _read(path, scale, os.stat(path).st_mtime_ns)
+    return _read(path, scale, digest_of(path))
 
 
 def solid(shape: coal.CollisionGeometry, density: float) -> pin.Inertia | None:

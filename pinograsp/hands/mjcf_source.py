@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import copy
 import math
-import os
 import warnings
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ import pinocchio as pin
 from pinograsp.checks import one_line, shown
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.elements import MOST_ELEMENTS, floats, parse_xml, read_bytes
+from pinograsp.hands.file_reads import is_there
 from pinograsp.hands.mesh_file import read_triangles
 from pinograsp.spatial import Array
 
@@ -219,7 +219,7 @@ class _Document:
             )
         name = element.get("file", "")
         try:
-            found = next((p.resolve() for p in (path.parent / name, self.folder / name) if os.path.isfile(p)), None)
+            found = next((p.resolve() for p in (path.parent / name, self.folder / name) if is_there(p)), None)
             if found is None:
                 raise ValueError("no such file")
             if not (self.trusted or found.is_relative_to(self.folder)):
@@ -248,7 +248,7 @@ class _Document:
             if compiler.get("strippath", "false") == "true":
                 file = file.split("/")[-1]
             path = folder / inside / file
-            if beside is not None and not inside and not os.path.isfile(path):
+            if beside is not None and not inside and not is_there(path):
                 path = beside / file
             if asset.tag == "mesh" and not asset.get("name"):
                 asset.set("name", Path(file).stem)
@@ -393,13 +393,13 @@ def _reference(mesh: mujoco.MjsMesh) -> pin.SE3 | None:
 def _read_mesh(mesh: mujoco.MjsMesh, counts: bool, found: Compiled) -> None:
     """Give a mesh the vertices and faces of its file."""
     path = Path(mesh.file)
-    if not counts and os.path.isfile(path):
+    if not counts and is_there(path):
         vertices, faces = _CORNERS, _FACES
     else:
         try:
             vertices, faces = read_triangles(path)
         except (ValueError, OSError) as error:
-            reason = str(error) if os.path.isfile(path) else "no such file"
+            reason = str(error) if is_there(path) else "no such file"
             found.missing[mesh.name] = f"{path.name}: {reason}"
             return
     mesh.file, mesh.content_type = "", ""

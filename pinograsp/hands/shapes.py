@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from pinograsp.checks import one_of
 from pinograsp.hands.elements import LEAST, as_rpy, drop, end_of, named, numbers, placement_of
+from pinograsp.hands.file_reads import is_there
 from pinograsp.hands.geometry import Kind, Shape, Triangles, read_mesh
 from pinograsp.hands.ros_packages import Packages
 from pinograsp.spatial import FARTHEST
@@ -201,7 +202,7 @@ def mesh_path(name: str, folder: Path, packages: Packages) -> Path | None:
     spellings = [name, plain] if (plain := urllib.parse.unquote(name)) != name else [name]
     for one in spellings:
         for place in _places(one, folder, packages):
-            if os.path.isfile(place):
+            if is_there(place):
                 return place.resolve()
     return None
 

@@ -26,6 +26,7 @@ from typing import Any, TypeAlias
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import arithmetic
+from pinograsp.hands.file_reads import digest_of
 from pinograsp.hands.ros_packages import Packages, find_package
 from pinograsp.hands.xacro_files import ARGUMENT, LOADERS, MESSAGES, PACKAGE, Files, Refused
 
@@ -84,6 +85,9 @@ def _trusted(path: Path, mappings: dict[str, str], packages: Packages) -> minido
 
         module.eval_extension = with_packages
         document: minidom.Document = module.process_file(str(path), mappings=mappings)
+        for name in (str(path), *module.all_includes):
+            with contextlib.suppress(OSError):
+                digest_of(name)
         return document
 
 

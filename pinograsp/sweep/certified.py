@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import pickle
 import time
@@ -17,14 +16,15 @@ import numpy as np
 from tqdm import tqdm
 
 from pinograsp.certification import Reason, placement_hint
-from pinograsp.checks import brief, flag, instance_of, number, one_of, path_of, processes
+from pinograsp.checks import brief, flag, instance_of, items_of, number, one_of, path_of, processes
 from pinograsp.data import FORMATS, Format, joined, read_grasps, write_grasps
-from pinograsp.errors import GraspsNotRead, InvalidInput, PinograspError
+from pinograsp.errors import ExtraMissing, GraspsNotRead, InvalidInput
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array
-from pinograsp.sweep.certified_rows import Prepared, blocks_of, certified_block
+from pinograsp.sweep.certified_rows import Prepared, blocks_of, certified_block, fault_of, object_named
 from pinograsp.sweep.certified_table import REFUSED, schema_of
+from pinograsp.sweep.inputs import Inputs, plain, settings_of_conditions, settings_of_hand
 from pinograsp.sweep.parts import Parts, Work, read_part, read_parts
 from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend, collected
 from pinograsp.writing import place_of
@@ -51,6 +51,7 @@ class Certified:
         counts: number of grasps by reason, and of faults.
         faults: what could not be read or used, ``{file: message}``.
         hints: objects whose grasps are nearly all misplaced, and what to look at, ``{object: hint}``.
+        changed: files with rows in the folder whose content, or whose object's, has changed since: certified again.
         interrupted: whether Ctrl-C stopped it; the same call continues it.
         elapsed: of this run [s].
     """
@@ -62,6 +63,7 @@ class Certified:
     hints: dict[str, str]
     interrupted: bool
     elapsed: float
+    changed: tuple[str, ...] = ()
 
     __repr__ = brief()
 
@@ -76,6 +78,7 @@ class Certified:
             "counts": dict(self.counts),
             "faults": dict(self.faults),
             "hints": dict(self.hints),
+            "changed": list(self.changed),
             "interrupted": self.interrupted,
             "elapsed_s": self.elapsed,
             "folder": str(self.folder),
@@ -89,7 +92,8 @@ class DataSet:
     Attributes:
         files: of grasps, each of one object.
         hand: the hand that they are of.
-        objects: folder of the objects that they name, see :func:`~pinograsp.objects.lookup.find_object`.
+        objects: folder of the objects that they name, see :func:`~pinograsp.objects.lookup.find_object`; or the file of
+            the one object that all of them are of. Files that name none are of an object of their own name.
         format: a name of :data:`pinograsp.data.FORMATS`, or ``"auto"``.
         mass: of each object [kg]; None: by its density.
         density: [kg/m^3] of each object.
@@ -115,7 +119,7 @@ class DataSet:
     __repr__ = brief()
 
     def __post_init__(self) -> None:
-        files = tuple(path_of("file of grasps", one) for one in self.files)
+        files = tuple(map(Path, items_of("files", self.files, str, Path)))
         if not files:
             raise InvalidInput("files: expected at least one file of grasps")
         object.__setattr__(self, "files", files)
@@ -153,6 +157,10 @@ def certify_files(
     killed. A file that cannot be read, or whose object is not found, is a fault: a row without a number, with its
     message; what was read before it is kept.
 
+    Rows are of the contents that they were computed from. Where a file of grasps or of its object has another content
+    than its rows in the folder, these are computed again, and ``changed`` names the file; what the rows of all files
+    rest on, the hand, the conditions and the options, makes another certification, which needs a folder of its own.
+
     Args:
         data: the files, their hand and their objects.
         folder: for the rows, as Parquet files; a new folder, or one of this certification.
@@ -166,29 +174,34 @@ def certify_files(
 
     Raises:
         InvalidInput: options that cannot be used.
-        ResultsNotWritten: the folder holds another certification or other files, is in use, or cannot be written.
+        ResultsNotWritten: the folder holds another certification, one of another version of this package, or other
+            files; it is in use, or cannot be written.
         ExtraMissing: pyarrow (extra ``sweep``), the compiled core, h5py (``data``) or distributed (``dask``).
         PinograspError: workers were lost; completed rows are kept.
     """
     started = time.perf_counter()
     instance_of("data", data, DataSet)
     instance_of("conditions", conditions, GraspConditions)
+    tolerance = number("tolerance", tolerance, above=0, unit="m")
+    flag("drives", drives)
     jobs = processes(jobs)
     one_of("backend", backend, BACKENDS)
     check_backend(backend, scheduler)
     payload = pickle.dumps(
-        Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance, flag("drives", drives))
+        Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance, bool(drives))
     )
     settings = {
         "files": [str(one) for one in data.files],
         "format": data.format,
-        "objects": str(data.objects),
-        "asked": hashlib.sha256(payload).hexdigest(),
-        "joints": list(data.hand.joint_names),
-        "meant": {name: str(value) for name, value in data.meant.items() if value is not None},
+        "mass": data.mass,
+        "density": data.density,
+        "hand": settings_of_hand(data.hand),
+        "conditions": settings_of_conditions(conditions),
+        **{name: plain(value) for name, value in data.meant.items() if value is not None},
         "tolerance": tolerance,
+        "drives": bool(drives),
     }
-    with Parts(Path(folder), _WORK, settings, {}) as parts:
+    with Parts(path_of("folder", folder), _WORK, settings, {}) as parts:
         run = _Run(data, parts)
         if scheduler is not None:
             results = by_dask(certified_block, run.work(payload), scheduler)
@@ -204,6 +217,7 @@ def certify_files(
             counts=dict(run.counts),
             faults=run.faults,
             hints=run.hints,
+            changed=run.changed,
             interrupted=interrupted,
             elapsed=time.perf_counter() - started,
         )
@@ -216,7 +230,7 @@ def read_certified(folder: str | Path) -> pa.Table:
         InvalidInput: the folder holds no certification, or a damaged one.
         ExtraMissing: pyarrow (extra ``sweep``) is not installed.
     """
-    tables = read_parts(Path(folder), _WORK)
+    tables = read_parts(path_of("folder", folder), _WORK)
     import pyarrow as pa
 
     if not tables:
@@ -238,9 +252,11 @@ def written_back(data: DataSet, folder: str | Path, target: str | Path) -> tuple
     Raises:
         ResultsNotWritten: the folder cannot be written.
     """
+    instance_of("data", data, DataSet)
+    table, target = read_certified(folder), path_of("target", target)
     import pyarrow.compute as pc
 
-    table, target = read_certified(folder), Path(target)
+    inputs = Inputs(data.objects)
     place_of(target)
     above = Path(os.path.commonpath([one.resolve().parent for one in data.files]))
     done, refused = list[Path](), dict[str, str]()
@@ -250,6 +266,8 @@ def written_back(data: DataSet, folder: str | Path, target: str | Path) -> tuple
             rows = joined(read_grasps(path, format=data.format))
             if own.num_rows != rows.n:
                 raise InvalidInput(f"{own.num_rows} of its {rows.n} grasps are certified")
+            if {inputs.source(path, object_named(rows)).inputs} != set(own["inputs"].to_pylist()):
+                raise InvalidInput("it, or its object, has changed since it was certified: certify it again")
             forces, points = (_padded(own[name]) for name in ("forces_N", "points_m"))
             labels = {"held": own["code"].to_numpy() == int(Reason.HELD), "reason_code": own["code"].to_numpy()}
             labels |= {name: np.minimum(own[name].to_numpy(), _MOST) for name in _WRITTEN}
@@ -274,14 +292,30 @@ class _Run:
     """The files that are left, block by block, and what came of them."""
 
     def __init__(self, data: DataSet, parts: Parts):
-        self.data, self.parts = data, parts
+        self.data, self.parts, self.inputs = data, parts, Inputs(data.objects)
         self.counts: Counter[str] = Counter()
         self.faults: dict[str, str] = {}
         self.done: set[tuple[str, int]] = set()
         self.placing: dict[str, list[tuple[int, float]]] = {}
         self.kept: list[pa.Table] = []
+        self.changed = self._outdated()
+        parts.remove_rows("file", self.changed)
         for one in parts.live:
             self._count(read_part(one, list(_COUNTED)))
+
+    def _outdated(self) -> tuple[str, ...]:
+        """The files whose rows are of another content than theirs, or their object's, is now."""
+        rows_of: set[tuple[str, str | None, str]] = set()
+        for one in self.parts.live:
+            table = read_part(one, ["file", "object", "inputs"]).group_by(["file", "object", "inputs"]).aggregate([])
+            rows_of.update(zip(*(table[name].to_pylist() for name in ("file", "object", "inputs"))))
+        return tuple(
+            dict.fromkeys(
+                file
+                for file, object_name, inputs in sorted(rows_of, key=lambda one: one[0])
+                if inputs != self.inputs.source(Path(file), object_name).inputs
+            )
+        )
 
     def _count(self, table: pa.Table) -> None:
         columns = (table[name].to_pylist() for name in _COUNTED)
@@ -308,13 +342,17 @@ class _Run:
             name = str(path)
             if (name, -1) in self.done:
                 continue
+            source = self.inputs.source(path, None)
             try:
                 for rows in read_grasps(path, format=self.data.format, block=_BLOCK):
+                    source = self.inputs.source(path, object_named(rows))
                     for block in blocks_of(rows, self.data.hand, **self.data.meant):
                         if not all((name, row) in self.done for row in block.rows.tolist()):
-                            yield payload, name, block, ""
-            except PinograspError as error:
-                yield payload, name, None, str(error)
+                            yield payload, source, block, ""
+            except ExtraMissing:
+                raise
+            except Exception as error:  # one file must not end the certification of the others
+                yield payload, source, None, fault_of(error)
 
     def collect(self, results: Generator[pa.Table, None, None], progress: bool | None) -> bool:
         """Store the rows as they come; returns whether Ctrl-C stopped it."""

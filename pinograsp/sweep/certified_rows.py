@@ -11,17 +11,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pinograsp.certification import Certifier
+from pinograsp.checks import one_line
 from pinograsp.data import GraspRows, placed
-from pinograsp.errors import PinograspError
+from pinograsp.errors import ExtraMissing, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.objects.lookup import object_in
-from pinograsp.spatial import Array, IntArray
-from pinograsp.sweep.certified_table import certified_table, refused_table
+from pinograsp.sweep.certified_table import Block, Source, certified_table, refused_table
+from pinograsp.words import printable
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_LONGEST = 1000  # characters of the message of a fault
 _PREPARED = 8  # objects that a worker keeps: a file has up to five sizes of one
 
 
@@ -35,28 +37,6 @@ class Prepared(NamedTuple):
     conditions: GraspConditions
     tolerance: float
     drives: bool
-
-
-class Block(NamedTuple):
-    """Grasps of one object.
-
-    Attributes:
-        rows: their numbers in the file (N,).
-        object_name: as the file has it.
-        scale: of the object's mesh.
-        object_pose: oMb (4, 4), of the object in a world whose gravity is meant.
-        poses: bMh (N, 4, 4), of the hand's root in the object's frame.
-        q: positions of the joints (N, n); None: of jaws that are to close.
-        labels: the file's own numbers of each, {name: (N,)}.
-    """
-
-    rows: IntArray
-    object_name: str
-    scale: float
-    object_pose: Array
-    poses: Array
-    q: Array | None
-    labels: dict[str, Array]
 
 
 def blocks_of(rows: GraspRows, hand: HandModel, **meant: Any) -> Iterator[Block]:
@@ -78,7 +58,7 @@ def blocks_of(rows: GraspRows, hand: HandModel, **meant: Any) -> Iterator[Block]
         own = np.flatnonzero(rows.scale == scale)
         yield Block(
             rows=rows.first + own,
-            object_name=rows.object_name,
+            object_name=object_named(rows),
             scale=float(scale),
             object_pose=pose,
             poses=poses[own],
@@ -87,21 +67,39 @@ def blocks_of(rows: GraspRows, hand: HandModel, **meant: Any) -> Iterator[Block]
         )
 
 
-def certified_block(payload: bytes, file: str, block: Block | None, message: str) -> pa.Table:
-    """The rows of a block, or of the fault that a message tells."""
+def object_named(rows: GraspRows) -> str:
+    """The object's name; of a file that names none, that of the file."""
+    return rows.object_name or Path(rows.source).stem
+
+
+def certified_block(payload: bytes, source: Source, block: Block | None, message: str) -> pa.Table:
+    """The rows of a block, or of the fault that a message tells.
+
+    Raises:
+        ExtraMissing: an extra that is needed is not installed.
+    """
     if block is None:
-        return refused_table(file, message)
+        return refused_table(source, message)
     try:
-        certifier = _certifier(payload, block.object_name, block.scale, block.object_pose.tobytes())
+        object_is = block.object_name, source.object_content, block.scale, block.object_pose.tobytes()
+        certifier = _certifier(payload, *object_is)
         roots = block.object_pose @ block.poses
         found = certifier.jaws(roots) if block.q is None else certifier(block.q, roots)
-    except PinograspError as error:
-        return refused_table(file, str(error))
-    return certified_table(file, block.rows, block.object_name, block.scale, block.object_pose, found, block.labels)
+    except ExtraMissing:
+        raise
+    except Exception as error:  # one file must not end the certification of the others
+        return refused_table(source, fault_of(error))
+    return certified_table(source, block, found)
+
+
+def fault_of(error: Exception) -> str:
+    """An error as the message of a file that could not be used."""
+    return printable(str(error) if isinstance(error, PinograspError) else one_line(error), _LONGEST)
 
 
 @functools.lru_cache(maxsize=_PREPARED)
-def _certifier(payload: bytes, name: str, scale: float, pose: bytes) -> Certifier:
+def _certifier(payload: bytes, name: str, content: str, scale: float, pose: bytes) -> Certifier:
+    """What certifies grasps of an object; ``content``: of its files, which are read again where it is another."""
     given = _given(payload)
     body = object_in(given.objects, name, scale=scale, mass=given.mass, density=given.density)
     body = body.placed(np.frombuffer(pose).reshape(4, 4) @ body.pose)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -49,45 +49,89 @@ def schema_of() -> pa.Schema:
             ("depth_m", real),
             ("residual_N", real),
             ("labels", text),
+            ("inputs", text),
         ]
     )
 
 
-def refused_table(file: str, message: str) -> pa.Table:
+class Block(NamedTuple):
+    """Grasps of one object.
+
+    Attributes:
+        rows: their numbers in the file (N,).
+        object_name: as the file has it, or after which the file is called.
+        scale: of the object's mesh.
+        object_pose: oMb (4, 4), of the object in a world whose gravity is meant.
+        poses: bMh (N, 4, 4), of the hand's root in the object's frame.
+        q: positions of the joints (N, n); None: of jaws that are to close.
+        labels: the file's own numbers of each, {name: (N,)}.
+    """
+
+    rows: IntArray
+    object_name: str
+    scale: float
+    object_pose: Array
+    poses: Array
+    q: Array | None
+    labels: dict[str, Array]
+
+
+class Source(NamedTuple):
+    """Where rows come from.
+
+    Attributes:
+        file: of grasps.
+        object_name: that they are of; None where the file was not read so far.
+        content: digest of the file.
+        object_content: digest of the object's files; "" without an object.
+    """
+
+    file: str
+    object_name: str | None
+    content: str
+    object_content: str
+
+    @property
+    def inputs(self) -> str:
+        """Both digests, as the table has them."""
+        return f"{self.content} {self.object_content}".strip()
+
+
+def refused_table(source: Source, message: str) -> pa.Table:
     """One row, number -1: the file could not be used from there on."""
     import pyarrow as pa
 
-    row = {"file": file, "row": -1, "reason": REFUSED, "code": -1, "message": message}
+    row = {
+        "file": source.file,
+        "row": -1,
+        "object": source.object_name,
+        "reason": REFUSED,
+        "code": -1,
+        "message": message,
+        "inputs": source.inputs,
+    }
     return pa.Table.from_pylist([row], schema=schema_of())
 
 
-# Seven arguments: where the rows come from, and what is known of them.
-def certified_table(
-    file: str,
-    rows: IntArray,
-    object_name: str,
-    scale: float,
-    object_pose: Array,
-    found: Certificates,
-    labels: dict[str, Array],
-) -> pa.Table:
-    """The rows of a block of certificates, in the frame of the object at ``object_pose`` oMb (4, 4)."""
+def certified_table(source: Source, block: Block, found: Certificates) -> pa.Table:
+    """The rows of a block of certificates, in the frame of the object as its file has it."""
     import pyarrow as pa
 
     count, schema = len(found), schema_of()
     used = np.arange(found.points_o.shape[1]) < found.counts[:, None]
-    names, turn = np.array(found.link_names, dtype=object), object_pose[:3, :3]
+    names = np.array(found.link_names, dtype=object)
+    place, turn = block.object_pose[:3, 3], block.object_pose[:3, :3]
     columns: dict[str, Any] = {
-        "file": [file] * count,
-        "row": rows,
-        "object": [object_name] * count,
-        "scale": np.full(count, scale),
+        "file": [source.file] * count,
+        "row": block.rows,
+        "object": [block.object_name] * count,
+        "scale": np.full(count, block.scale),
         "reason": [Reason(one).name.lower() for one in found.reason.tolist()],
         "code": found.reason,
         "message": [found.words(i) for i in range(count)],
         "contacts": found.counts,
         "links": _lists(names[found.links], used, 1),
-        "points_m": _lists((found.points_o - object_pose[:3, 3]) @ turn, used, 3),
+        "points_m": _lists((found.points_o - place) @ turn, used, 3),
         "normals": _lists(found.normals_o @ turn, used, 3),
         "gaps_m": _lists(found.gaps, used, 1),
         "forces_N": _lists(found.forces_o @ turn, used, 3),
@@ -104,8 +148,10 @@ def certified_table(
         "depth_m": found.depth,
         "residual_N": found.residual,
         "labels": [
-            json.dumps({name: np.asarray(values[i]).tolist() for name, values in labels.items()}) for i in range(count)
+            json.dumps({name: np.asarray(values[i]).tolist() for name, values in block.labels.items()})
+            for i in range(count)
         ],
+        "inputs": [source.inputs] * count,
     }
     return pa.table({name: columns[name] for name in schema.names}, schema=schema)
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import os
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
+from pinograsp.checks import one_line
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
+from pinograsp.words import printable
 from pinograsp.writing import ASIDE, discard, is_still, lock, place_of, sweep, write_errors, write_file
 
 if TYPE_CHECKING:
@@ -20,6 +23,8 @@ if TYPE_CHECKING:
 # Readers of folders, such as pyarrow's, ignore names with these first characters.
 MANIFEST, _LOCK = "_manifest.json", ".lock"
 _PART = re.compile(r"part-(\d{6,})-(\d{6,})\.parquet")
+_KINDS = {"hash": str, "settings": dict, "versions": dict}  # what a manifest has
+_SHOWN = 5  # differences that a message names
 _MERGED = 100  # number of parts that are merged into one
 
 
@@ -63,19 +68,25 @@ class Parts:
         path, noun = self.folder / MANIFEST, self.work.noun
         self._refuse_others()
         self.folder.mkdir(parents=True, exist_ok=True)
+        if os.path.lexists(self.folder / _LOCK) and not os.path.isfile(self.folder / _LOCK):
+            raise ResultsNotWritten(f"'{self.folder / _LOCK}': expected a file, got something else: remove it")
         self.lock = (self.folder / _LOCK).open("a")
         if lock(self.lock.fileno()) is False:
             raise ResultsNotWritten(f"folder '{self.folder}': another {noun} is writing there: wait for it, or stop it")
         self._refuse_others()
         if path.exists():
             found = manifest_of(self.folder, self.work)
+            before, now = (one["versions"].get("pinograsp") for one in (found, manifest))
+            differ = [] if before == now else [f"pinograsp {printable(str(before), 20)} wrote it, this is {now}"]
             if found["hash"] != manifest["hash"]:
-                differ = [name for name in more if name != "columns" and found[name] != manifest[name]] + _differences(
-                    found["settings"], json.loads(json.dumps(manifest["settings"]))
-                )
+                differ += [name for name in more if name != "columns" and found.get(name) != manifest[name]]
+                differ += _differences(found["settings"], json.loads(json.dumps(manifest["settings"])))
+            if differ:
+                names = ", ".join(printable(name, 100) for name in differ[:_SHOWN])
+                others = f" and {len(differ) - _SHOWN} more" if len(differ) > _SHOWN else ""
                 raise ResultsNotWritten(
-                    f"folder '{self.folder}' holds another {noun} ({', '.join(differ[:5])}): they are not mixed, give "
-                    "another folder"
+                    f"folder '{self.folder}' holds another {noun} ({names}{others}): they are not mixed, give another "
+                    "folder, or put back what has changed"
                 )
         else:
             write_file(path, (json.dumps(manifest, indent=2) + "\n").encode())
@@ -107,6 +118,19 @@ class Parts:
                 "writing there"
             )
         write_file(self.folder / f"part-{self.next:06d}-{self.next:06d}.parquet", _parquet([table]))
+
+    def remove_rows(self, column: str, values: Collection[str]) -> None:
+        """Remove the rows that have one of the ``values`` in a column, part by part."""
+        if not values:
+            return
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        for path in self.live:
+            table = read_part(path)
+            left = table.filter(pc.invert(pc.is_in(table[column], pa.array(list(values), pa.string()))))
+            if left.num_rows < table.num_rows:
+                write_file(path, _parquet([left]))
 
     def merge_some(self) -> None:
         """Merge parts now and then."""
@@ -145,17 +169,23 @@ def need_pyarrow(work: Work) -> None:
 
 def manifest_of(folder: Path, work: Work) -> dict[str, Any]:
     """The manifest in a folder."""
-    noun = work.noun
+    noun, path = work.noun, folder / MANIFEST
     try:
-        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InvalidInput(
-            f"'{folder}' holds no {noun}: expected a folder that 'pinograsp {work.command}' has written"
-        ) from None
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"'{folder}' holds no readable {noun}: {MANIFEST}: {error}") from error
+        if not os.path.lexists(path):
+            raise InvalidInput(
+                f"'{folder}' holds no {noun}: expected a folder that 'pinograsp {work.command}' has written"
+            )
+        if not os.path.isfile(path):
+            raise OSError("expected a file, got something else")
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except InvalidInput:
+        raise
+    except (OSError, ValueError, RecursionError) as error:
+        raise InvalidInput(f"'{folder}' holds no readable {noun}: {MANIFEST}: {one_line(error)}") from error
     if not isinstance(found, dict) or found.get("schema") != work.schema:
         raise InvalidInput(f"'{folder}' holds no {noun} of schema {work.schema}: give another folder")
+    if any(not isinstance(found.get(name), kind) for name, kind in _KINDS.items()):
+        raise InvalidInput(f"'{folder}' holds no readable {noun}: {MANIFEST}: expected {', '.join(_KINDS)}")
     return found
 
 
@@ -194,6 +224,8 @@ def read_part(path: Path, columns: list[str] | None = None) -> pa.Table:
     from pyarrow import parquet
 
     try:
+        if os.path.lexists(path) and not os.path.isfile(path):  # a pipe would keep its reader waiting
+            raise OSError("expected a file, got something else")
         table = parquet.ParquetFile(path).read(columns)
     except FileNotFoundError:
         raise

@@ -16,6 +16,7 @@ from pinograsp.contacts import Friction
 from pinograsp.contacts.quality import Balance
 from pinograsp.errors import ExtraMissing, PinograspError, Status, status_of
 from pinograsp.forces import ForceBatch, ForceProblem, Objective, solve_batch
+from pinograsp.hands.file_reads import noting_files
 
 _Result = TypeVar("_Result")
 
@@ -110,14 +111,24 @@ class ChunkResult(NamedTuple):
 
 
 def run_chunk(payload: str, rows: list[tuple[int, Row]]) -> ChunkResult:
-    """Compute the rows of a chunk, given as index and inputs; rows are left over where the chunk takes too long."""
-    with _ONE_AT_A_TIME:
+    """Compute the rows of a chunk, given as index and inputs; rows are left over where the chunk takes too long.
+
+    Raises:
+        PinograspError: a file of the sweep's hands or objects has changed since it began.
+    """
+    with _ONE_AT_A_TIME, noting_files() as files:
         base = _base(payload)
         started = time.perf_counter()
         if base.what == "forces":
             results = _forces(base, rows, started)
         else:
             results = list(_in_time(started, rows, functools.partial(_row, _planned, base)))
+        for path, digest in files.items():
+            if digest != base.files.get(path, digest):
+                raise PinograspError(
+                    f"'{path}' has changed while the sweep was running; completed rows are kept: put it back and start "
+                    "again, or give another folder"
+                )
         done = [{"index": index, **inputs, **row} for (index, inputs), row in zip(rows, results)]
         return ChunkResult(done, time.perf_counter() - started, [index for index, _ in rows[len(results) :]])
 

@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
-from pinograsp.checks import brief, one_of, processes
+from pinograsp.checks import brief, one_of, path_of, processes
 from pinograsp.spatial import IntArray
 from pinograsp.sweep.rows import FIGURES, ChunkResult, Row, kind_of, run_chunk
 from pinograsp.sweep.store import Store, read_sweep
@@ -107,9 +107,9 @@ def sweep(
     one_of("backend", backend, BACKENDS)
     check_backend(backend, scheduler)
     spec = spec if isinstance(spec, SweepSpec) else load_sweep(spec)
-    payload = spec.base.model_dump_json()
+    payload = spec.base.model_copy(update={"files": spec.files}).model_dump_json()
     kinds = {key: kind_of(values) for key, values in spec.inputs.items()}
-    with Store(Path(folder), spec.settings(), spec.rows, {**kinds, **FIGURES[spec.what]}) as store:
+    with Store(path_of("folder", folder), spec.settings(), spec.rows, {**kinds, **FIGURES[spec.what]}) as store:
         chunks = _Chunks(spec, np.flatnonzero(~store.have))
         if scheduler is not None:
             # A map, unlike a generator, goes on with rows that workers return after the last chunk was sent.

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from pinograsp.checks import path_of
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import BoolArray
 from pinograsp.sweep.parts import Parts, Work, manifest_of, need_pyarrow, read_part, read_parts
@@ -89,8 +90,11 @@ def read_sweep(folder: str | Path) -> pa.Table:
         InvalidInput: the folder holds no sweep, or a damaged one.
         ExtraMissing: pyarrow (extra ``sweep``) is not installed.
     """
-    folder = Path(folder)
-    schema = _schema(manifest_of(folder, _WORK)["columns"])
+    folder = path_of("folder", folder)
+    columns = manifest_of(folder, _WORK).get("columns")
+    if not isinstance(columns, dict) or not all(kind in get_args(Kind) for kind in map(str, columns.values())):
+        raise InvalidInput(f"'{folder}' holds no readable sweep: its manifest has no columns")
+    schema = _schema(columns)
     import pyarrow as pa
 
     tables = read_parts(folder, _WORK)

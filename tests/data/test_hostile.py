@@ -126,7 +126,7 @@ def test_numpys_own_file_with_a_command_in_it_gives_the_rows_before(tmp_path, ca
         (b"cbuiltins\neval\nX\x01\x00\x00\x001\x85R.", "builtins.eval"),
         (b"\x8c\x08builtins\x8c\x04eval\x93\x8c\x011\x85R.", "builtins.eval"),
         (b"}(KK" + b"\x85" * 50 + b"K\x01u.", "as a key"),
-        (b"0.", "broken"),
+        (b"0.", "POP"),
         (b"a.", "broken"),
         (b"h\x05.", "broken"),
         (b"\x80\x7f.", "broken"),
@@ -217,7 +217,7 @@ def test_lists_of_the_same_lists_are_no_numbers(tmp_path):
     g = grasp_files.some_grasps(n=1)
     for name in ("obj_pose", "obj_scale", "grasp_qpos"):
         document = {**grasp_files.dexgraspbench(g), name: nested}
-        refused(write(tmp_path, NPY + pickle.dumps(document, protocol=4)), "expected numbers")
+        refused(write(tmp_path, NPY + pickle.dumps(document, protocol=4)), "expected at most .* values")
 
 
 def test_cut_off_at_any_byte_one_exception_comes(tmp_path):
@@ -304,7 +304,7 @@ def test_tensors_stay_within_their_storage(tmp_path):
     many = pickled.replace(b"K\x02K\x07\x86", b"J\x00\x00\x00\x10K\x07\x86").replace(
         b"K\x07K\x01\x86", b"K\x00K\x00\x86"
     )
-    refused(archive(tmp_path, {**members, "mug/data.pkl": many}), "bytes of arrays")
+    refused(archive(tmp_path, {**members, "mug/data.pkl": many}), "in its storage, got 14")
     refused(archive(tmp_path, {**members, "mug/data/0": b"123"}), "broken|cut off")
     refused(archive(tmp_path, {name: one for name, one in members.items() if name != "mug/data/0"}), "no tensor '0'")
     refused(archive(tmp_path, {**members, "mug/byteorder": b"big"}), "byte order")

@@ -283,8 +283,9 @@ def test_writing_refuses_what_a_format_cannot_hold(tmp_path):
         write_grasps(tmp_path / "out", bench, format="bodex")
     with pytest.raises(InvalidInput, match="of one file"):
         joined([net, bench])
+    named = dataclasses.replace(bench, joint_names=tuple(f"j{i}" for i in range(bench.q.shape[1])))
     with pytest.raises(InvalidInput, match="no scale"):
-        write_grasps(tmp_path / "out", bench, format="isaac")
+        write_grasps(tmp_path / "out", named, format="graspqp")
     assert not (tmp_path / "out").exists()
 
 
