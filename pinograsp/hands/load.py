@@ -278,6 +278,7 @@ def _hand_model(
         notes=tuple(notes),
         description=prepared.text,
         visuals=tuple(visuals),
+        continuous=tuple(prepared.continuous),
     )
 
 
