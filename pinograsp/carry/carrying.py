@@ -64,8 +64,8 @@ class Carrying:
     ):
         self.robot, self.grasp, self.limits = robot, grasp, limits
         self.reserve, self.gravity, self.count = reserve, gravity, count
-        # The planned object first: loads and torques of the plan are its own. Friction counts at its least, so scenarios
-        # of the same loads are one; in order, so that even rounding does not depend on the order they came in.
+        # The planned object first: loads and torques of the plan are its own. Friction counts at its least, so that
+        # scenarios of the same loads are one; sorted, since even rounding should not depend on their order.
         planned, others = (1.0, (0.0, 0.0, 0.0)), {(one.mass, tuple(np.asarray(one.com).tolist())) for one in scenarios}
         loads = [planned, *sorted(others - {planned})]
         self.carried = [Carried.of(robot, grasp, CarryScenario(mass=mass, com=com)) for mass, com in loads]

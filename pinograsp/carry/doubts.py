@@ -43,8 +43,8 @@ def doubts_of_path(robot: HandModel, path: ArmPath) -> list[str]:
         if joint in robot.continuous and steps[at] > np.pi:
             doubts.append(
                 f"{joint} turns by {np.degrees(steps[at]):.4g} deg between waypoints {at} and {at + 1}, as their "
-                "numbers say: if angles are wrapped into +-180 deg, unwrap them first (numpy.unwrap); if not, a waypoint "
-                "between says so"
+                "numbers say: if angles are wrapped into +-180 deg, unwrap them first (numpy.unwrap); if not, a "
+                "waypoint between says so"
             )
     return doubts
 

@@ -230,14 +230,10 @@ class Carried:
         names = list(self.robot.joint_names)
         arm = [names[j] for j in self.arm.tolist()]
         if wrong := [joint for joint in path.joints if joint not in arm]:
+            remedy = ": the robot is to be arm and hand (robot=, --robot with --root, its first link)"
             raise InvalidInput(
                 f"path: expected joints of the arm, {', '.join(arm) or 'of which there are none'}; got "
-                f"{', '.join(wrong)}"
-                + (
-                    _nearest(wrong, arm)
-                    if arm
-                    else ": the robot is to be arm and hand (robot=, --robot with --root, its first link)"
-                )
+                f"{', '.join(wrong[:_SUGGESTED])}{_nearest(wrong, arm) if arm else remedy}"
             )
         return np.array([names.index(joint) for joint in path.joints])
 

@@ -249,7 +249,7 @@ def _start(hand: HandModel, start: ArrayLike) -> np.ndarray:
 def _beyond(hand: HandModel, q: np.ndarray) -> np.ndarray:
     """How far positions (..., n) are beyond the ends of the joints' ways [rad or m]; below 0 where they are not."""
     low, high = hand.travel
-    return np.maximum(low - q, q - high)
+    return np.asarray(np.maximum(low - q, q - high))
 
 
 def _lead(hand: HandModel, way: np.ndarray, lead: float | None, rate: float) -> float:
