@@ -18,6 +18,7 @@ from pinograsp.handover.reading import read_table, trajectory_of
 from pinograsp.spatial import Array
 
 _JUMP = 1e-6  # of a slope, over the largest, that is one
+_SHORTEST, _FARTHEST = 1e-6, 1e6  # [s], [s, rad or m] of any arm's way
 _STEEPEST = 1e30  # coefficient of a spline: products of a few still fit into a float
 _APART = 1e-9  # [rad or m] waypoints this close are one
 
@@ -58,13 +59,18 @@ class ArmPath:
         if not self.joints or len(set(self.joints)) < len(self.joints):
             raise InvalidInput(f"joints of the path: expected different names, got {list(self.joints)}")
         put("s", array_of("parameters of the path", self.s, (None,)))
-        put("q", array_of("waypoints", self.q, (len(self.s), len(self.joints))))
+        put("q", _near(array_of("waypoints", self.q, (len(self.s), len(self.joints)))))
         if len(self.s) < 2 or self.s[0] != 0 or self.s[-1] != 1 or np.any(np.diff(self.s) <= 0):
             raise InvalidInput("parameters of the path: expected two or more that increase from 0 to 1")
         if self.times is not None:
             put("times", array_of("times of the path", self.times, self.s.shape))
             if np.any(np.diff(self.times) <= 0):
                 raise InvalidInput("times of the path: expected each later than the one before")
+            if not _SHORTEST <= self.times[-1] - self.times[0] <= _FARTHEST:
+                raise InvalidInput(
+                    f"times of the path: expected {_SHORTEST:g} to {_FARTHEST:g} s in all, got "
+                    f"{self.times[-1] - self.times[0]:g}"
+                )
         # With two waypoints or three there is no more to a cubic spline than a line or a parabola.
         put("_spline", _cubic(self.s, self.q))
 
@@ -117,7 +123,7 @@ class ArmPath:
         if len({len(column) for column in columns}) > 1 or len(columns[0]) < 2:
             sizes = {joint: len(column) for joint, column in zip(waypoints, columns)}
             raise InvalidInput(f"waypoints: expected as many of each joint, two or more, got {sizes}")
-        q = np.column_stack(columns)
+        q = _near(np.column_stack(columns))
         apart = np.linalg.norm(np.diff(q, axis=0), axis=1)
         if np.any(apart < _APART):
             raise InvalidInput(
@@ -210,10 +216,17 @@ def _cubic(s: Array, q: Array, ends: str | tuple[tuple[int, Array], tuple[int, A
             spline = None
     if spline is None or not np.abs(spline.c).max() <= _STEEPEST:
         raise InvalidInput(
-            f"waypoints: expected those of an arm [rad or m], got positions from {q.min():g} to {q.max():g}, "
-            f"{np.diff(s).min():.3g} of the way apart: no smooth path goes through them"
+            f"waypoints: expected them farther apart in time than {np.diff(s).min():.3g} of the whole: no smooth path "
+            "goes through them"
         )
     return spline
+
+
+def _near(q: Array) -> Array:
+    """Positions (w, n), if they are those of an arm."""
+    if q.size and np.abs(q).max() > _FARTHEST:
+        raise InvalidInput(f"waypoints: expected positions up to {_FARTHEST:g} rad or m, got {np.abs(q).max():g}")
+    return q
 
 
 def _rebuilt(joints: tuple[str, ...], s: Array, q: Array, times: Array | None, spline: PPoly) -> ArmPath:

@@ -309,8 +309,8 @@ def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Lim
             problems.append(f"joint '{name}': lower limit {lower:g} is not below upper {upper:g}{beyond}")
     if continuous:
         notes.append(
-            "continuous joints taken as revolute between -180 and 180 deg, but for the path of an arm: "
-            f"{', '.join(continuous)}"
+            f"continuous joints taken as revolute between -180 and 180 deg: {', '.join(continuous)}; the path of an "
+            "arm may pass these"
         )
     return limits, problems, continuous
 
