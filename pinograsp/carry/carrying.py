@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from pinograsp.carry.binding import binding_of
-from pinograsp.carry.doubts import doubts_of, doubts_of_squeeze
+from pinograsp.carry.doubts import doubts_of, doubts_of_path, doubts_of_squeeze
 from pinograsp.carry.interior_point import Solved, solve
 from pinograsp.carry.loads import Carried, CarryScenario
 from pinograsp.carry.passage import Held, Passage
@@ -64,11 +64,13 @@ class Carrying:
     ):
         self.robot, self.grasp, self.limits = robot, grasp, limits
         self.reserve, self.gravity, self.count = reserve, gravity, count
-        # Friction counts at its least: scenarios of the same loads are one.
-        mu = min(one.mu for one in scenarios)
-        loads = {(one.mass, *np.asarray(one.com).tolist()): one for one in reversed(scenarios)}
-        self.carried = [Carried.of(robot, grasp, one) for one in reversed(loads.values())]
+        # The planned object first: loads and torques of the plan are its own. Friction counts at its least, so that
+        # scenarios of the same loads are one; sorted, since even rounding should not depend on their order.
+        planned, others = (1.0, (0.0, 0.0, 0.0)), {(one.mass, tuple(np.asarray(one.com).tolist())) for one in scenarios}
+        loads = [planned, *sorted(others - {planned})]
+        self.carried = [Carried.of(robot, grasp, CarryScenario(mass=mass, com=com)) for mass, com in loads]
         self.path = self.carried[0].of_arm(path)
+        mu = min((1.0, *(one.mu for one in scenarios)))
         self.problem, self.range_n = with_reserve(grasp, self.carried[0], reserve, torque_limit, mu)
         self.disturbance = disturbance_of(grasp, self.carried[0].body, disturbance)
         self.spare = spare_forces(self.problem, *self.disturbance)
@@ -220,10 +222,12 @@ class Carrying:
         """Why a given timing cannot be: where there are no forces, with the proof, and how fast it may be."""
         slow = int(passage.free.argmin())
         s = passage.timing.at(passage.instants).s
+        turns = doubts_of_path(self.robot, self.path)
         if over := self._beyond(passage.programs, slow, passage.level):
             return CarryInfeasible(
                 f"at {passage.instants[slow]:.4g} s, {100 * s[slow]:.3g} % of the path, this speed asks for {over} "
-                f"(less {100 * self.reserve:g} %); {passage.factor:.4g} times the speed is within the limits",
+                f"(less {100 * self.reserve:g} %); "
+                + "; ".join([f"{passage.factor:.4g} times the speed is within the limits", *turns]),
                 at=float(s[slow]),
                 solution=passage.found,
                 factor=passage.factor,
@@ -356,6 +360,7 @@ class Carrying:
         """What speaks against the plan; ``most``: the largest normal forces (k,) [N]; ``loads`` (N, 6) [N, N m]."""
         arm = self.carried[0].arm
         own = doubts_of(self.grasp, arm_in_hand=bool(np.isin(arm, self.carried[0].of_hand).any()))
+        own += doubts_of_path(self.robot, self.path)
         if first is None:
             if len(self.grasp.hand.drives) < 2:  # jaws press along their one way
                 return tuple(own)

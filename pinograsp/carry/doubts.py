@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from pinograsp.carry.path import ArmPath
 from pinograsp.contacts.quality import past_edges
 from pinograsp.errors import Status
 from pinograsp.forces import ConvexSolution
-from pinograsp.hands import servo_gains
+from pinograsp.hands import HandModel, servo_gains
 from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
 from pinograsp.planner.assemble import pressing_too
@@ -18,6 +19,7 @@ from pinograsp.spatial import Array
 # [m, rad] under loads that come slowly, half of what counts as lost: those that come at once give twice as much.
 _SWAYS = (2.5e-3, np.radians(5.0))
 _SERVOS = "with servos of"
+_HALF_TURN = np.pi + 1e-3  # [rad] as few digits give it
 
 
 def doubts_of(grasp: GraspPlan, *, arm_in_hand: bool) -> list[str]:
@@ -29,6 +31,22 @@ def doubts_of(grasp: GraspPlan, *, arm_in_hand: bool) -> list[str]:
     if arm_in_hand:
         doubts = [one for one in doubts if not one.startswith(_SERVOS)]
     return [f"the grasp's own plan is doubtful: {one}" for one in doubts]
+
+
+def doubts_of_path(robot: HandModel, path: ArmPath) -> list[str]:
+    """Steps of continuous joints that are a way round as they stand, and a short one if angles are wrapped."""
+    doubts = []
+    for joint, q in zip(path.joints, path.q.T):
+        wrapped = np.maximum(np.abs(q[:-1]), np.abs(q[1:])) <= _HALF_TURN
+        steps = np.where(wrapped, np.abs(np.diff(q)), 0.0)
+        at = int(steps.argmax())
+        if joint in robot.continuous and steps[at] > np.pi:
+            doubts.append(
+                f"{joint} turns by {np.degrees(steps[at]):.4g} deg between waypoints {at} and {at + 1}, as their "
+                "numbers say: if angles are wrapped into +-180 deg, unwrap them first (numpy.unwrap); if not, a "
+                "waypoint between says so"
+            )
+    return doubts
 
 
 def doubts_of_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, most: Array, loads: Array) -> list[str]:

@@ -8,6 +8,7 @@ about its centre of mass, in axes that turn with the palm: those that the grasp 
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -107,6 +108,7 @@ class CarryScenario:
 
 
 AS_PLANNED = CarryScenario()
+_SUGGESTED, _LONGEST = 7, 100  # joints that a refusal suggests others for, and characters of a name
 
 
 class Carried:
@@ -218,9 +220,9 @@ class Carried:
         return np.asarray(found)
 
     def of_arm(self, path: ArmPath) -> ArmPath:
-        """A path without the columns of the fingers, which hold."""
+        """A path without the columns of the fingers, which hold, and of coupled joints, which follow."""
         fingers = [joint for j, joint in enumerate(self.robot.joint_names) if j not in self.arm]
-        kept = [joint for joint in path.joints if joint not in fingers]
+        kept = [joint for joint in path.joints if joint not in (*fingers, *self.robot.couplings)]
         return path.only(kept) if 0 < len(kept) < len(path.joints) else path
 
     def moving(self, path: ArmPath) -> IntArray:
@@ -228,18 +230,32 @@ class Carried:
         names = list(self.robot.joint_names)
         arm = [names[j] for j in self.arm.tolist()]
         if wrong := [joint for joint in path.joints if joint not in arm]:
+            remedy = ": the robot is to be arm and hand (robot=, --robot with --root, its first link)"
             raise InvalidInput(
                 f"path: expected joints of the arm, {', '.join(arm) or 'of which there are none'}; got "
-                f"{', '.join(wrong)}"
-                + ("" if arm else ": the robot is to be arm and hand (robot=, --robot with --root, its first link)")
+                f"{', '.join(wrong[:_SUGGESTED])}{_nearest(wrong, arm) if arm else remedy}"
             )
         return np.array([names.index(joint) for joint in path.joints])
 
     def _within(self, path: ArmPath, moving: IntArray, q: Array) -> None:
-        over = np.maximum(self.robot.lower - q, q - self.robot.upper)[:, moving]
+        low, high = self.robot.travel
+        over = np.maximum(low - q, q - high)[:, moving]
         at, joint = np.unravel_index(int(over.argmax()), over.shape)
         if over[at, joint] > 1e-6:
+            j = moving[joint]
+            unit = "m" if self.robot.slides[j] else "rad"
             raise InvalidInput(
-                f"path: joint '{path.joints[joint]}' goes {over[at, joint]:.3g} rad or m beyond its limit, to "
-                f"{q[at, moving[joint]]:.4g}: angles are in radians; splines may swing out between waypoints"
+                f"path: joint '{path.joints[joint]}' goes {over[at, joint]:.3g} {unit} beyond its limits, {low[j]:.4g} "
+                f"to {high[j]:.4g} {unit}, to {q[at, j]:.4g}: angles are in radians; splines may swing out between "
+                "waypoints; load_hand(limits=) gives the arm other limits"
             )
+
+
+def _nearest(wrong: list[str], known: list[str]) -> str:
+    """The known joint that each wrong one may mean: one with a prefix more or less, or the nearest spelling."""
+    found = []
+    for name in wrong[:_SUGGESTED]:
+        same = [one for one in known if name.endswith(one) or one.endswith(name)]
+        if near := same or difflib.get_close_matches(name[:_LONGEST], known, n=1):
+            found.append(f"'{max(near, key=len)}' for '{name[:_LONGEST]}'")
+    return f"; did you mean {', '.join(found)}?" if found else ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,10 +13,13 @@ from scipy.interpolate import BSpline, CubicSpline, PPoly
 
 from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, one_of, path_of, read_only
 from pinograsp.errors import InvalidInput
-from pinograsp.handover import JointTrajectory, read_csv, read_ros2
+from pinograsp.handover import JointTrajectory, read_ros2
+from pinograsp.handover.reading import read_table, trajectory_of
 from pinograsp.spatial import Array
 
 _JUMP = 1e-6  # of a slope, over the largest, that is one
+_SHORTEST, _FARTHEST = 1e-6, 1e6  # [s], [s, rad or m] of any arm's way
+_STEEPEST = 1e30  # coefficient of a spline: products of a few still fit into a float
 _APART = 1e-9  # [rad or m] waypoints this close are one
 
 
@@ -57,15 +59,20 @@ class ArmPath:
         if not self.joints or len(set(self.joints)) < len(self.joints):
             raise InvalidInput(f"joints of the path: expected different names, got {list(self.joints)}")
         put("s", array_of("parameters of the path", self.s, (None,)))
-        put("q", array_of("waypoints", self.q, (len(self.s), len(self.joints))))
+        put("q", _near(array_of("waypoints", self.q, (len(self.s), len(self.joints)))))
         if len(self.s) < 2 or self.s[0] != 0 or self.s[-1] != 1 or np.any(np.diff(self.s) <= 0):
             raise InvalidInput("parameters of the path: expected two or more that increase from 0 to 1")
         if self.times is not None:
             put("times", array_of("times of the path", self.times, self.s.shape))
             if np.any(np.diff(self.times) <= 0):
                 raise InvalidInput("times of the path: expected each later than the one before")
+            if not _SHORTEST <= self.times[-1] - self.times[0] <= _FARTHEST:
+                raise InvalidInput(
+                    f"times of the path: expected {_SHORTEST:g} to {_FARTHEST:g} s in all, got "
+                    f"{self.times[-1] - self.times[0]:g}"
+                )
         # With two waypoints or three there is no more to a cubic spline than a line or a parabola.
-        put("_spline", CubicSpline(self.s, self.q))
+        put("_spline", _cubic(self.s, self.q))
 
     def __reduce__(self) -> tuple[object, ...]:
         return _rebuilt, (self.joints, self.s, self.q, self.times, self._spline)
@@ -116,7 +123,7 @@ class ArmPath:
         if len({len(column) for column in columns}) > 1 or len(columns[0]) < 2:
             sizes = {joint: len(column) for joint, column in zip(waypoints, columns)}
             raise InvalidInput(f"waypoints: expected as many of each joint, two or more, got {sizes}")
-        q = np.column_stack(columns)
+        q = _near(np.column_stack(columns))
         apart = np.linalg.norm(np.diff(q, axis=0), axis=1)
         if np.any(apart < _APART):
             raise InvalidInput(
@@ -151,35 +158,27 @@ class ArmPath:
 
         ``.csv``: a line of names, then one for each waypoint [rad or m]; with a column ``time`` [s] it is a trajectory,
         at rest at both ends. Or a table of :meth:`~pinograsp.handover.JointTrajectory.to_csv`. ``.yaml``, ``.yml``,
-        ``.json``: a message ``trajectory_msgs/JointTrajectory`` of ROS 2.
+        ``.json``: a trajectory of ROS or MoveIt, as :func:`~pinograsp.handover.read_ros2` reads it.
 
         Raises:
-            InvalidInput: another suffix, or a file that holds none of these.
+            InvalidInput: another suffix, or a file that holds none of these, is too large, or no regular file.
         """
         file = path_of("path", file)
         if one_of("suffix of a path", file.suffix.lower(), (".csv", ".yaml", ".yml", ".json")) != ".csv":
             return cls.of(read_ros2(file))
-        try:
-            with open(file, newline="", encoding="utf-8-sig") as lines:
-                header, *rows = [row for row in csv.reader(lines) if row]
-            if any("/" in name for name in header):
-                return cls.of(read_csv(file))
-            values = np.array(rows, dtype=float).reshape(len(rows), len(header))
-        except OSError as error:
-            raise InvalidInput(f"'{file}' cannot be read: {error.strerror}") from error
-        except ValueError as error:
-            raise InvalidInput(
-                f"'{file}': expected a line of joint names, then lines of as many numbers each, with commas between: "
-                f"{error}"
-            ) from error
+        header, values = read_table(file)
+        if any(name.endswith("/position") for name in header):
+            return cls.of(trajectory_of(file, header, values))
         columns = dict(zip((name.strip() for name in header), values.T))
+        if len(columns) < len(header):
+            raise InvalidInput(f"'{file}': expected each joint once, got {', '.join(header[:9])[:300]}")
         times = columns.pop("time", None)
-        if len(columns) + (times is not None) < len(header):
-            raise InvalidInput(f"'{file}': expected each joint once, got {', '.join(header[:9])}")
         if times is None:
             return cls.through(columns)
-        if len(times) < 2 or np.any(np.diff(times) <= 0):
-            raise InvalidInput(f"'{file}': expected two lines or more, each later than the one before")
+        if not columns or len(times) < 2 or np.any(np.diff(times) <= 0):
+            raise InvalidInput(
+                f"'{file}': expected the positions of joints in two lines or more, each later than the one before"
+            )
         since = times - times[0]
         q = np.column_stack(list(columns.values()))
         return _timed(tuple(columns), since / since[-1], q, since, np.zeros((2, q.shape[1])))
@@ -205,7 +204,29 @@ def _pieces(spline: BSpline) -> PPoly:
 def _timed(joints: tuple[str, ...], s: Array, q: Array, times: Array, ends: Array) -> ArmPath:
     """The path of a trajectory with slopes (2, n) at its ends."""
     path = ArmPath(joints=joints, s=s, q=q, times=times)
-    return _with_spline(path, CubicSpline(s, q, bc_type=((1, ends[0]), (1, ends[1]))))
+    return _with_spline(path, _cubic(s, q, ((1, ends[0]), (1, ends[1]))))
+
+
+def _cubic(s: Array, q: Array, ends: str | tuple[tuple[int, Array], tuple[int, Array]] = "not-a-knot") -> CubicSpline:
+    """The cubic spline through waypoints."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        try:
+            spline = CubicSpline(s, q, bc_type=ends)
+        except ValueError:  # numbers beyond all use
+            spline = None
+    if spline is None or not np.abs(spline.c).max() <= _STEEPEST:
+        raise InvalidInput(
+            f"waypoints: expected them farther apart in time than {np.diff(s).min():.3g} of the whole: no smooth path "
+            "goes through them"
+        )
+    return spline
+
+
+def _near(q: Array) -> Array:
+    """Positions (w, n), if they are those of an arm."""
+    if q.size and np.abs(q).max() > _FARTHEST:
+        raise InvalidInput(f"waypoints: expected positions up to {_FARTHEST:g} rad or m, got {np.abs(q).max():g}")
+    return q
 
 
 def _rebuilt(joints: tuple[str, ...], s: Array, q: Array, times: Array | None, spline: PPoly) -> ArmPath:

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 from numpy.typing import ArrayLike
 
 from pinograsp.carry.carrying import Carrying
-from pinograsp.carry.loads import AS_PLANNED, CarryScenario
+from pinograsp.carry.loads import CarryScenario
 from pinograsp.carry.passage import Passage
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.record import CarryPlan
@@ -65,7 +65,9 @@ def plan_carry(
         squeeze: ``"least"``: at every instant the forces of least squares; ``"constant"``: normal forces that are
             commanded once for the whole way, the contacts reacting to the loads as equal springs; a number: the largest
             change of each commanded normal force [N/s].
-        scenarios: what may be otherwise than planned; one squeeze bears them all, whichever comes true.
+        scenarios: what may be otherwise than planned; one squeeze bears them all, whichever comes true, each with the
+            least friction of any. Their order does not matter; the plan's loads, forces and torques are those of the
+            planned object.
         ramp: time over which accelerations of the fastest timing change at least [s]; 0: they jump.
         jerk: largest |jerk| of the arm's joints, one number or (n,) [rad/s^3 or m/s^3], met by longer ramps (small ones
             are better met with ``acceleration`` besides); None: no limit.
@@ -101,7 +103,7 @@ def plan_carry(
         robot=robot,
         grasp=grasp,
         path=way,
-        scenarios=(AS_PLANNED, *items_of("scenarios", scenarios, CarryScenario)),
+        scenarios=items_of("scenarios", scenarios, CarryScenario),
         limits=arm_limits(robot, torque_limit, speed, acceleration, reserve),
         torque_limit=torque_limit,
         reserve=reserve,

@@ -59,7 +59,7 @@ def carry(
         typer.Option(
             metavar="FILE",
             help="The arm's way: .csv (a line of joints, then waypoints, with a column time or without), or .yaml, "
-            ".json (a JointTrajectory of ROS 2).",
+            ".json (a trajectory as ROS and MoveIt print it).",
         ),
     ],
     robot: Annotated[
@@ -238,6 +238,8 @@ def _scenario(text: str) -> CarryScenario:
     found: dict[str, float] = {}
     for one in text.split(","):
         name, _, value = one.partition("=")
+        if name in found:
+            raise InvalidInput(f"--scenario: expected each name once, got {name} twice")
         try:
             found[name] = float(value)
         except ValueError:

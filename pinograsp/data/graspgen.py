@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -20,15 +20,17 @@ from pinograsp.data.keys import Keys, as_numbers
 from pinograsp.data.rows import Draft, GraspRows
 from pinograsp.data.written import Payload
 from pinograsp.errors import GraspsNotRead
+from pinograsp.plain import plain_json
 
 _GRASPS = ("transforms", "object_in_gripper")
+_DEEPEST = 40  # lists and mappings within each other
 
 
 def read(file: File) -> Iterator[Draft]:
     """The grasps of a file."""
     try:
-        value = json.loads(file.text.decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_constant)
-    except (ValueError, RecursionError) as error:
+        value = plain_json(file.text, _DEEPEST)
+    except ValueError as error:
         raise GraspsNotRead(file.source, f"graspgen: the JSON is broken or cut off ({one_line(error)})") from error
     keys = Keys(file.source, value, "graspgen")
     keys.need(["object", "grasps"])
@@ -57,17 +59,6 @@ def read(file: File) -> Iterator[Draft]:
     )
     draft.refuse(~np.array(good, dtype=bool), "'grasps/transforms': expected a 4 x 4 matrix of numbers")
     yield draft
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    document = dict(pairs)
-    if len(document) < len(pairs):
-        raise ValueError("expected each key once")
-    return document
-
-
-def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"expected finite numbers, got {name}")
 
 
 def write(rows: GraspRows, payload: Payload) -> bytes:

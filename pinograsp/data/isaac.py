@@ -24,13 +24,13 @@ from pinograsp.data.rotations import poses_from_wxyz, wxyz_from_poses
 from pinograsp.data.rows import Draft, GraspRows
 from pinograsp.data.written import Payload
 from pinograsp.errors import GraspsNotRead
+from pinograsp.plain import YamlValues
 from pinograsp.spatial import Array
 
 _OBJECT = ("object_file", "object_frame", "object_frame_link")  # the first that a file has
 _GRIPPER = ("gripper_file", "gripper_frame", "gripper_frame_link")
-_DEEPEST = 10  # mappings and lists within each other
+_DEEPEST, _MOST = 10, 10**7  # mappings and lists within each other, and values
 _TAKEN = ("position", "orientation", "cspace_position", "pregrasp_cspace_position")
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
@@ -133,76 +133,14 @@ def _document(file: File) -> tuple[Any, str | None]:
         text = file.text.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise GraspsNotRead(file.source, f"isaac: expected YAML in UTF-8 ({one_line(error)})") from error
-    builder = _Builder(text)
+    values, problem = YamlValues(text, _DEEPEST, _MOST), None
     try:
-        builder.run()
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        return builder.root, f"isaac: the YAML is broken or cut off ({one_line(error)})"
-    return builder.root, None
-
-
-class _Builder:
-    """Plain data from the events of a YAML file, as they come; aliases and tags are refused."""
-
-    def __init__(self, text: str):
-        self._loader = _LOADER(text)
-        self.root: Any = None
-
-    def run(self) -> None:
-        """Read to the end."""
-        try:
-            self._value(self._begin, 0)
-            while self._loader.check_event():
-                if isinstance(self._loader.get_event(), yaml.DocumentStartEvent):
-                    raise ValueError("expected one document")
-        finally:
-            self._loader.dispose()
-
-    def _begin(self, value: Any) -> None:
-        self.root = value
-
-    def _value(self, put: Any, depth: int) -> None:
-        event = self._loader.get_event()
-        while isinstance(event, yaml.StreamStartEvent | yaml.DocumentStartEvent):
-            event = self._loader.get_event()
-        if depth > _DEEPEST:
-            raise ValueError(f"expected at most {_DEEPEST} mappings and lists within each other")
-        if isinstance(event, yaml.AliasEvent) or (event is not None and getattr(event, "tag", None) is not None):
-            raise ValueError("expected plain values, without aliases and tags")
-        if isinstance(event, yaml.ScalarEvent):
-            put(self._scalar(event))
-        elif isinstance(event, yaml.SequenceStartEvent):
-            items: list[Any] = []
-            put(items)
-            while not self._loader.check_event(yaml.SequenceEndEvent):
-                self._value(items.append, depth + 1)
-            self._loader.get_event()
-        elif isinstance(event, yaml.MappingStartEvent):
-            self._mapping(put, depth)
-        else:
-            raise ValueError("expected a value")
-
-    def _mapping(self, put: Any, depth: int) -> None:
-        items: dict[str, Any] = {}
-        late = depth >= 2  # a grasp counts when it is complete; the mappings around it from their first one on
-        if not late:
-            put(items)
-        while not self._loader.check_event(yaml.MappingEndEvent):
-            event = self._loader.get_event()
-            if not isinstance(event, yaml.ScalarEvent) or event.value in items:
-                raise ValueError("expected texts as keys, each once")
-            self._value(lambda value, key=event.value: items.__setitem__(key, value), depth + 1)
-        self._loader.get_event()
-        if late:
-            put(items)
-
-    def _scalar(self, event: yaml.ScalarEvent) -> Any:
-        tag = self._loader.resolve(yaml.ScalarNode, event.value, event.implicit)
-        if tag.rpartition(":")[2] not in ("int", "float", "bool", "null", "str"):
-            return event.value
-        if len(event.value) > 400 and tag.rpartition(":")[2] == "int":
-            raise ValueError("expected numbers, got one of too many digits")
-        return self._loader.construct_object(yaml.ScalarNode(tag, event.value))
+        values.run()
+    except (yaml.YAMLError, ValueError) as error:
+        problem = f"isaac: the YAML is broken or cut off ({one_line(error)})"
+    if len(values.documents) > 1:
+        problem = "isaac: expected one document of YAML"
+    return values.documents[0] if values.documents else None, problem
 
 
 def write(rows: GraspRows, payload: Payload) -> bytes:

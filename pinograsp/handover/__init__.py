@@ -17,7 +17,8 @@ from pinograsp.handover.build import Sampling, joint_trajectory
 from pinograsp.handover.commands import Command, Commanding, drive_commands
 from pinograsp.handover.core_files import write_core
 from pinograsp.handover.jaws import JawCommand, JointTarget, gripper_message, jaw_commands, write_jaws
-from pinograsp.handover.trajectory import JointTrajectory, read_csv, read_ros2
+from pinograsp.handover.reading import read_csv, read_ros2
+from pinograsp.handover.trajectory import JointTrajectory
 
 __all__ = [
     "Command",

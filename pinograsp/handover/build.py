@@ -237,7 +237,7 @@ def _rest(time: float, q: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def _start(hand: HandModel, start: ArrayLike) -> np.ndarray:
     q = array_of("start", start, (hand.n,))
-    beyond = np.maximum(hand.lower - q, q - hand.upper)
+    beyond = _beyond(hand, q)
     if beyond.max() > _SLACK:
         j = int(np.argmax(beyond))
         raise InvalidInput(
@@ -245,6 +245,12 @@ def _start(hand: HandModel, start: ArrayLike) -> np.ndarray:
             f"{hand.lower[j]:g} to {hand.upper[j]:g}: give where the joints are [rad or m], or widen them (with_limits)"
         )
     return q
+
+
+def _beyond(hand: HandModel, q: np.ndarray) -> np.ndarray:
+    """How far positions (..., n) are beyond the ends of the joints' ways [rad or m]; below 0 where they are not."""
+    low, high = hand.travel
+    return np.asarray(np.maximum(low - q, q - high))
 
 
 def _lead(hand: HandModel, way: np.ndarray, lead: float | None, rate: float) -> float:
@@ -264,7 +270,7 @@ def _lead(hand: HandModel, way: np.ndarray, lead: float | None, rate: float) -> 
 
 
 def _limit_notes(hand: HandModel, q: np.ndarray, dq: np.ndarray, effort: np.ndarray) -> list[str]:
-    beyond = np.maximum(hand.lower - q, q - hand.upper).max(axis=0)
+    beyond = _beyond(hand, q).max(axis=0)
     notes = [
         f"{name} leaves its limits by {by:.2g} rad or m" for name, by in zip(hand.joint_names, beyond) if by > _SLACK
     ]

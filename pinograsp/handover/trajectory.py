@@ -1,4 +1,4 @@
-"""The record of a hand-over, its files, and their readers."""
+"""The record of a hand-over, and its files."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ from pinograsp.spatial import Array
 from pinograsp.words import no_formula
 from pinograsp.writing import write_file
 
-_FIELDS = {"position": "q", "velocity": "dq", "acceleration": "ddq", "effort": "effort"}
-_GAINS = ("stiffness", "damping")
-_MESSAGE = {"positions": "q", "velocities": "dq", "accelerations": "ddq", "effort": "effort"}
+FIELDS = {"position": "q", "velocity": "dq", "acceleration": "ddq", "effort": "effort"}
+GAINS = ("stiffness", "damping")
+SUFFIXES = (".yaml", ".yml", ".json")  # of messages
+MESSAGE = {"positions": "q", "velocities": "dq", "accelerations": "ddq", "effort": "effort"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,9 +93,9 @@ class JointTrajectory:
         if self.times.size < 1 or self.times[0] < 0 or np.any(np.diff(self.times) <= 0):
             raise InvalidInput("times: expected at least one, from 0 s on, each later than the one before")
         shape = (self.times.size, len(self.names))
-        for name in _FIELDS.values():
+        for name in FIELDS.values():
             put(name, array_of(name, getattr(self, name), shape))
-        sizes = {"contact_effort": shape, **dict.fromkeys(("deviation", *_GAINS), (len(self.names),))}
+        sizes = {"contact_effort": shape, **dict.fromkeys(("deviation", *GAINS), (len(self.names),))}
         for name, size in sizes.items():
             if getattr(self, name) is not None:
                 put(name, array_of(name, getattr(self, name), size))
@@ -168,7 +169,8 @@ class JointTrajectory:
         ``/stiffness`` and ``/damping`` where there are gains.
 
         ``followers`` adds coupled joints. An existing file is replaced. Returns what was written. Names that a
-        spreadsheet would take for a formula get an apostrophe before them, which :func:`read_csv` takes off.
+        spreadsheet would take for a formula get an apostrophe before them, which
+        :func:`~pinograsp.handover.read_csv` takes off.
 
         Raises:
             ResultsNotWritten: the place cannot be written.
@@ -180,10 +182,10 @@ class JointTrajectory:
         # csv itself overlooks a carriage return
         odd = any("\r" in name for name in own.names)
         head = csv.writer(written, lineterminator="\n", quoting=csv.QUOTE_ALL if odd else csv.QUOTE_MINIMAL)
-        gains = [name for name in _GAINS if getattr(own, name) is not None]
-        head.writerow(["time", *(f"{no_formula(name)}/{kind}" for kind in (*_FIELDS, *gains) for name in own.names)])
+        gains = [name for name in GAINS if getattr(own, name) is not None]
+        head.writerow(["time", *(f"{no_formula(name)}/{kind}" for kind in (*FIELDS, *gains) for name in own.names)])
         constant = [np.tile(getattr(own, name), (own.times.size, 1)) for name in gains]
-        rows = np.column_stack([own.times, *(getattr(own, attribute) for attribute in _FIELDS.values()), *constant])
+        rows = np.column_stack([own.times, *(getattr(own, attribute) for attribute in FIELDS.values()), *constant])
         table.writerows([repr(value) for value in row] for row in rows.tolist())
         write_file(path, written.getvalue().encode())
         return own
@@ -215,10 +217,10 @@ class JointTrajectory:
         """
         if path is not None:
             path = path_of("path", path)
-            one_of("suffix of a ROS 2 message", path.suffix, (".yaml", ".yml", ".json"))
+            one_of("suffix of a ROS 2 message", path.suffix, SUFFIXES)
         frame = text_of("frame", frame)
         own = self.with_followers() if flag("followers", followers) else self
-        columns = {name: getattr(own, attribute).tolist() for name, attribute in _MESSAGE.items()}
+        columns = {name: getattr(own, attribute).tolist() for name, attribute in MESSAGE.items()}
         if not flag("effort", effort):
             columns["effort"] = [[] for _ in own.times]
         points = []
@@ -298,62 +300,3 @@ class JointTrajectory:
             found = controls(model, self, own, qpos, feed_forward, prefix)
         write_keyframes(path, own.times, self.impact_time, found)
         return replace(self, notes=(*self.notes, *found.notes))
-
-
-def read_csv(path: str | Path) -> JointTrajectory:
-    """The trajectory in a table that :meth:`JointTrajectory.to_csv` wrote; :class:`InvalidInput` where it is none."""
-    path = path_of("path", path)
-    try:
-        with open(path, newline="", encoding="utf-8") as file:
-            header, *rows = csv.reader(file)
-        values = np.array(rows, dtype=float).reshape(-1, len(header))
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"'{path}': expected a table of numbers with a line of names: {error}") from error
-    gains = [name for name in _GAINS if any(column.endswith(f"/{name}") for column in header)]
-    kinds = [*_FIELDS, *gains]
-    n = (len(header) - 1) // len(kinds)
-    names = [name.rpartition("/")[0] for name in header[1 : n + 1]]
-    if not values.size or header != ["time", *(f"{name}/{kind}" for kind in kinds for name in names)]:
-        raise InvalidInput(
-            f"'{path}': expected columns time, JOINT/{', JOINT/'.join(_FIELDS)}, got {', '.join(header[:9])}..."
-        )
-    q, dq, ddq, effort, *rest = np.split(values[:, 1:], len(kinds), axis=1)
-    own = tuple(name.removeprefix("'") for name in names)
-    kept = {name: one[0] for name, one in zip(gains, rest)}
-    return JointTrajectory(names=own, times=values[:, 0], q=q, dq=dq, ddq=ddq, effort=effort, **kept)
-
-
-def read_ros2(path: str | Path) -> JointTrajectory:
-    """The trajectory in a message that :meth:`JointTrajectory.to_ros2` wrote (fields that are empty are 0). JSON reads
-    much faster.
-
-    Raises:
-        InvalidInput: no JSON or YAML (by suffix), or no ``trajectory_msgs/JointTrajectory``.
-    """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    path = path_of("path", path)
-    one_of("suffix of a ROS 2 message", path.suffix, (".yaml", ".yml", ".json"))
-    try:
-        content = path.read_text(encoding="utf-8")
-        message = json.loads(content) if path.suffix == ".json" else YAML(typ="safe").load(content)
-        message = message.get("trajectory", message)
-        names, points = tuple(map(str, message["joint_names"])), message["points"]
-        times = [point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points]
-        columns = {
-            attribute: array_of(attribute, [point.get(name) or [0.0] * len(names) for point in points], (None, None))
-            for name, attribute in _MESSAGE.items()
-        }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, YAMLError) as error:
-        raise InvalidInput(
-            f"'{path}': expected a trajectory_msgs/JointTrajectory: {type(error).__name__}: {error}"
-        ) from error
-    return JointTrajectory(
-        names=names,
-        times=array_of("times", times, (None,)),
-        q=columns["q"],
-        dq=columns["dq"],
-        ddq=columns["ddq"],
-        effort=columns["effort"],
-    )

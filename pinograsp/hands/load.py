@@ -365,6 +365,7 @@ def _hand_model(
         notes=tuple(notes),
         description=prepared.text,
         visuals=tuple(visuals),
+        continuous=tuple(prepared.continuous),
     )
 
 

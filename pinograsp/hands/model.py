@@ -101,6 +101,7 @@ class HandModel:
         disabled_collisions: pairs of links that are not looked at for collisions with each other.
         visuals: what is seen of the links, where the description tells it; pictures read its meshes.
         posture: of joints of no finger, as of an arm, ``{joint: position}`` [rad or m]: where they stay; others at 0.
+        continuous: joints that turn without end; their limits, -180 and 180 deg, do not hold for the path of an arm.
     """
 
     name: str
@@ -118,6 +119,7 @@ class HandModel:
     disabled_collisions: tuple[tuple[str, str], ...] = ()
     visuals: tuple[Shape, ...] = ()
     posture: Mapping[str, float] = field(default_factory=dict)
+    continuous: tuple[str, ...] = ()
 
     __repr__ = brief("name", "n", "fingers", "palm", "source")
     _repr_html_ = in_notebook
@@ -149,6 +151,12 @@ class HandModel:
     def upper(self) -> Array:
         """Upper joint limits (n,) [rad or m]."""
         return read_only(self.model.upperPositionLimit)
+
+    @property
+    def travel(self) -> tuple[Array, Array]:
+        """Ends of the joints' ways (n,), (n,) [rad or m]: their limits; infinity where a joint turns without end."""
+        endless = np.isin(self.joint_names, self.continuous)
+        return read_only(np.where(endless, -np.inf, self.lower)), read_only(np.where(endless, np.inf, self.upper))
 
     @property
     def resting(self) -> Array:
@@ -304,7 +312,8 @@ class HandModel:
             lower[i], upper[i] = low, high
         model.lowerPositionLimit, model.upperPositionLimit = lower, upper
         notes += limit_notes(self.joint_names, self.slides.tolist(), lower, upper)
-        return replace(self, model=model, notes=tuple(notes))
+        continuous = tuple(joint for joint in self.continuous if joint not in limits)
+        return replace(self, model=model, notes=tuple(notes), continuous=continuous)
 
     def with_posture(self, posture: Mapping[str, float]) -> HandModel:
         """The same hand with joints of no finger, as of an arm or a wrist, where they stay: ``{joint: position}``.

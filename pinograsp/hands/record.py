@@ -81,6 +81,7 @@ def hand_record(hand: HandModel) -> dict[str, Any] | None:
         ],
         "posture": {str(joint): float(value) for joint, value in hand.posture.items()},
         "disabled_collisions": [list(pair) for pair in hand.disabled_collisions],
+        "continuous": list(hand.continuous),
     }
     try:
         _model(record, _description(record))
@@ -123,7 +124,12 @@ def _hand(record: dict[str, Any]) -> HandModel:
         visuals=visuals_from(_field(record, "visuals", list) if "visuals" in record else [], links),
     )
     hand = hand.with_posture(_field(record, "posture", dict) if "posture" in record else {})
-    return replace(hand, drives=_drives(record, hand), springs=_springs(record, hand))
+    # Records of earlier versions do not tell.
+    continuous = _texts(record, "continuous") if "continuous" in record else []
+    for joint in continuous:
+        one_of("hand record: continuous", joint, hand.joint_names)
+    drives, springs = _drives(record, hand), _springs(record, hand)
+    return replace(hand, drives=drives, springs=springs, continuous=tuple(continuous))
 
 
 def _field(record: object, key: str, kind: type[_Kind], where: str = "") -> _Kind:

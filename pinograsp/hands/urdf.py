@@ -57,6 +57,7 @@ class Prepared:
         unweighed: joints that move links without inertia.
         armatures: inertia of the motors [kg m^2], by actuated joint.
         efforts: limits of the joints by themselves, coupled ones included [N m or N]; 0: none.
+        continuous: joints that turn without end.
         notes: what was changed or left out, for the user.
     """
 
@@ -71,6 +72,7 @@ class Prepared:
     unweighed: list[str] = field(default_factory=list)
     armatures: dict[str, float] = field(default_factory=dict)
     efforts: dict[str, float] = field(default_factory=dict)
+    continuous: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
@@ -115,7 +117,7 @@ def prepare(
     broken = tree_problems(robot, root)
     if not (broken or unreadable):
         _hold(robot, rotors(robot, folder, packages, inline), notes)
-    limits, joint_problems = _limits(robot, notes)
+    limits, joint_problems, continuous = _limits(robot, notes)
     couplings, mimic_problems = _couplings(robot, outside, notes)
     unweighed, weightless = ([], []) if broken else unweighed_joints(robot)
     problems += broken + unreadable + joint_problems + mimic_problems + inertia_problems(robot, notes) + weightless
@@ -145,6 +147,8 @@ def prepare(
     prepared.efforts = efforts
     prepared.unweighed = unweighed
     prepared.armatures = _armatures(robot, couplings)
+    # What follows one may have an end.
+    prepared.continuous = [name for name in continuous if name not in (*couplings, *followed.values())]
     prepared.aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}
     prepared.text = _text(robot, couplings, limits, {own: alias for alias, own in prepared.aliases.items()})
     return prepared
@@ -271,8 +275,8 @@ def _fix(joint: ElementTree.Element, value: float) -> None:
     drop(joint, "mimic", "limit", "axis", "dynamics")
 
 
-def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Limits], list[str]]:
-    """Limits of the moving joints, and the problems with them and with joint types."""
+def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Limits], list[str], list[str]]:
+    """Limits of the moving joints, the problems with them and with joint types, and the joints that are continuous."""
     limits: dict[str, Limits] = {}
     problems: list[str] = []
     continuous: list[str] = []
@@ -324,8 +328,11 @@ def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Lim
                 "make it a fixed joint"
             )
     if continuous:
-        notes.append(f"continuous joints taken as revolute between -180 and 180 deg: {', '.join(continuous)}")
-    return limits, problems
+        notes.append(
+            f"continuous joints taken as revolute between -180 and 180 deg: {', '.join(continuous)}; the path of an "
+            "arm may pass these"
+        )
+    return limits, problems, continuous
 
 
 def _couplings(

@@ -69,7 +69,8 @@ def verdict_of(
     missed = np.abs(history.depths[last].mean(axis=0) - depths)[should]
     slipped = history.slips[-1] - history.slips[complete] > SLIPPED
     hand, q = task.hand, history.q
-    beyond: BoolArray = np.any((q < hand.lower - _BEYOND) | (q > hand.upper + _BEYOND), axis=0)
+    low, high = hand.travel
+    beyond: BoolArray = np.any((q < low - _BEYOND) | (q > high + _BEYOND), axis=0)
     at_limit: BoolArray = np.abs(history.torques[last]).max(axis=0) >= task.torque_limit * (1 - AT_LIMIT)
     touched: BoolArray = np.any(normal > 0, axis=0)
     return Verdict(

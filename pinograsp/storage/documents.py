@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, StrictStr, ValidationError
 
 from pinograsp.checks import one_line
 from pinograsp.errors import InvalidInput, Status
+from pinograsp.plain import plain_json
 from pinograsp.plan.parts import Balance, FrictionModel, Measure
 
 LARGEST = 2**29  # [bytes] of a file, unpacked
 HUGE = 1e30  # no quantity here is larger, in any unit; products of a few still fit into a float
 _DEEPEST = 40  # levels of a document
-_MOST_DIGITS = 400  # of an integer
 
 Number = Annotated[float, Field(ge=-HUGE, le=HUGE, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=HUGE, allow_inf_nan=False)]
@@ -263,28 +262,14 @@ def read_document(path: Path, schema: str | None) -> dict[str, Any]:
             depth.
     """
     try:
-        document = json.loads(
-            _bounded(path).decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_constant, parse_int=_bounded_int
-        )
-    except (ValueError, RecursionError, OSError) as error:
+        document = plain_json(_bounded(path), _DEEPEST)
+    except (ValueError, OSError) as error:
         raise InvalidInput(f"{path.name}: {one_line(error)}") from error
     found = document.pop("schema", None) if isinstance(document, dict) else None
     if schema is not None and found != schema:
         raise InvalidInput(f"expected schema {schema}, got {found!r:.60} ({path.name}): plan it again")
     if not isinstance(document, dict):
         raise InvalidInput(f"{path.name}: expected a mapping, got {type(document).__name__}")
-    level: list[Any] = [document]
-    for _ in range(_DEEPEST):
-        level = [
-            one
-            for part in level
-            for one in (part.values() if isinstance(part, dict) else part)
-            if isinstance(one, dict | list)
-        ]
-    if level:
-        raise InvalidInput(f"{path.name}: expected at most {_DEEPEST} levels")
-    if not is_text([json.dumps(document, ensure_ascii=False)]):
-        raise InvalidInput(f"{path.name}: expected readable text, got characters that no encoding has")
     return document
 
 
@@ -320,21 +305,3 @@ def bounded(path: Path) -> Path:
 
 def _bounded(path: Path) -> bytes:
     return bounded(path).read_bytes()
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    document = dict(pairs)
-    if len(document) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise ValueError(f"expected each key once, got {max(keys, key=keys.count)[:60]!r} again")
-    return document
-
-
-def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"expected finite numbers, got {name}")
-
-
-def _bounded_int(text: str) -> int:
-    if len(text) > _MOST_DIGITS:
-        raise ValueError(f"expected numbers, got one of {len(text)} digits")
-    return int(text)

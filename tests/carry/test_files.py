@@ -1,6 +1,7 @@
 """Paths from files, plans that were read back, and what the joints are sent."""
 
 import csv
+import os
 import pickle
 
 import mujoco
@@ -73,11 +74,21 @@ def test_splines_that_are_no_paths():
     [
         ("a.txt", "", "suffix"),
         ("a.csv", "panda_joint1\n0\nx\n", "lines of as many numbers"),
+        ("a.csv", "a,b\n0,1\n1\n", "lines of as many numbers"),
         ("a.csv", "panda_joint1,panda_joint1\n0,1\n1,1\n", "each joint once"),
         ("a.csv", "time,panda_joint1\n0,1\n0,2\n", "later than the one before"),
-        ("a.csv", "", "line of joint names"),
+        ("a.csv", "", "line of names"),
         ("a.json", "{}", "JointTrajectory"),
         ("missing.csv", None, "missing.csv"),
+        ("a.csv", "1" * 200_000 + ",b\n0,1\n", "line of names"),
+        ("a.csv", "time\n0\n1\n", "positions of joints"),
+        ("a.csv", "a,b\n0,1e999\n1,2\n", "not finite"),
+        ("a.csv", "a\n-1e308\n1e308\n", "waypoints"),
+        ("a.csv", "time,a\n0,0\n1e-300,1\n1,2\n", "no smooth path"),
+        ("a.csv", "time,a\n0,0\n1e-300,1\n", "times of the path"),
+        ("a.csv", "a,b\n0,\x00\n", "line of names"),
+        ("a.csv", "a,b\n" + "0," * 300_000 + "0\n", "2 names and 300001 numbers"),
+        ("a.json", "[" * 100_000, "levels"),
     ],
 )
 def test_files_that_are_no_paths(tmp_path, name, text, message):
@@ -85,6 +96,35 @@ def test_files_that_are_no_paths(tmp_path, name, text, message):
         (tmp_path / name).write_text(text, encoding="utf-8")
     with pytest.raises(InvalidInput, match=message):
         ArmPath.read(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["pipe.csv", "device.csv", "folder.csv"])
+def test_only_regular_files_are_opened(name, tmp_path):
+    """A pipe would wait for ever, a device never end."""
+    {
+        "pipe.csv": lambda path: os.mkfifo(path),
+        "device.csv": lambda path: path.symlink_to("/dev/zero"),
+        "folder.csv": lambda path: path.mkdir(),
+    }[name](tmp_path / name)
+    with pytest.raises(InvalidInput, match="regular file"):
+        ArmPath.read(tmp_path / name)
+
+
+def test_joints_of_several_robots_have_prefixes(tmp_path):
+    """A slash in a name makes no table of positions and velocities of it."""
+    path = ArmPath.read(written(tmp_path / "way.csv", ("left/turn", "left/tilt"), [[0.0, 0.1], [0.5, 0.2]]))
+    assert path.joints == ("left/turn", "left/tilt")
+
+
+@pytest.mark.parametrize("followers", [False, True])
+def test_what_a_plan_writes_is_a_path(arm, grasp, smoothed, followers, tmp_path):
+    """Coupled jaws included: fingers hold, and what follows them goes with them."""
+    smoothed.trajectory(rate=50.0).to_ros2(tmp_path / "way.yaml", followers=followers)
+    path = ArmPath.read(tmp_path / "way.yaml")
+    assert ("panda_finger_joint2" in path.joints) == followers
+    again = plan_carry(arm, grasp, path, intervals=20)
+    assert again.path.joints == JOINTS
+    np.testing.assert_allclose(again.path.at([0.0, 1.0]).q, smoothed.path.at([0.0, 1.0]).q, atol=1e-9)
 
 
 def test_a_grasp_that_was_read_back_is_carried(arm, grasp, tmp_path):

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 
 import numpy as np
 import pytest
@@ -100,6 +101,7 @@ def test_squeezes_scenarios_and_the_referee(command, run, no_rendering):
         (("--squeeze", "hard"), "squeeze"),
         (("--scenario", "weight=2"), "expected mass, mu"),
         (("--scenario", "mass"), "NAME=NUMBER"),
+        (("--scenario", "mass=2,mass=3"), "each name once"),
         (("--timing", "given"), "give a trajectory"),
         (("--reserve", "2"), "reserve"),
     ],
@@ -108,6 +110,17 @@ def test_options_that_cannot_be(command, run, options, message):
     code, _, err = command("carry", str(run / "run"), *ROBOT, "--path", str(run / "way.csv"), *options)
     assert code == 2 and message in err and "Traceback" not in err
     assert not (run / "carries").exists() or not any((run / "carries").iterdir())
+
+
+@pytest.mark.parametrize("name", ["pipe.csv", "deep.json", "aliases.yaml", "gone.yaml", "way.txt"])
+def test_paths_that_cannot_be_read(command, run, tmp_path, name):
+    """Refused before anything is planned: nothing waits, and no traceback."""
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "deep.json").write_text("[" * 100_000)
+    (tmp_path / "aliases.yaml").write_text("joint_names: &a [*a]\npoints: *a\n")
+    code, _, err = command("carry", str(run / "run"), *ROBOT, "--path", str(tmp_path / name))
+    assert code == 2 and "Traceback" not in err
+    assert name in err.replace("\n", "") or "suffix" in err
 
 
 def test_a_hand_without_an_arm_is_told(command, run):

@@ -125,7 +125,7 @@ def run(case: dict) -> str:
             fields = {"path": case["path"], "hulls": str(hulls).lower(), **weight}
             text = "file:" + ",".join(f"{key}={value}" for key, value in fields.items())
             if case["use"] == "command":
-                return _run_command(text.replace("\0", "?"))
+                return run_command(text.replace("\0", "?"))
             body = object_from(text)
         mesh.look_at(body)
         return f"loaded {type(body).__name__}"
@@ -133,7 +133,7 @@ def run(case: dict) -> str:
         assert not Path("ran").exists(), "a command ran"
 
 
-def _run_command(text: str) -> str:
+def run_command(text: str) -> str:
     """The hand closes on the object, or the command says why not."""
     line = ["close", "--hand", "panda", "--object", text, "--at", command_line.AT]
     code, out, err = command_line.captured(line)
