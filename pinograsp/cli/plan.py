@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from pinograsp import defaults
 from pinograsp.cli import completion
 from pinograsp.cli.app import (
     Arguments,
@@ -93,10 +94,10 @@ def plan(
     ] = None,
     root: Root = None,
     at: At = None,
-    mu: Mu = 0.7,
+    mu: Mu = defaults.MU,
     friction: FrictionModel = None,
     safety: Safety = 1.0,
-    samples: Samples = 48,
+    samples: Samples = defaults.GRASPS,
     seed: Seed = 0,
     wrap: Wrap = False,
     within: Within = None,
@@ -323,10 +324,10 @@ def close(
     object: Annotated[str, typer.Option(help=f"What to close on, as {_SPECS}.", autocompletion=completion.objects)],
     root: Root = None,
     at: At = None,
-    mu: Mu = 0.7,
+    mu: Mu = defaults.MU,
     friction: FrictionModel = None,
     safety: Safety = 1.0,
-    samples: Samples = 48,
+    samples: Samples = defaults.GRASPS,
     seed: Seed = 0,
     wrap: Wrap = False,
     within: Within = None,

@@ -13,6 +13,7 @@ f_x = mu u_x, f_y = mu u_y and the torsional moment m = torsion u_t with u in F_
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, get_args
@@ -161,6 +162,17 @@ class Friction:
         if array.shape[-1:] != (self.d - 1,):
             raise InvalidInput(f"{name}: expected {self.d - 1} components, got shape {array.shape}")
         return array
+
+
+CONE = Friction(model="cone")
+SOFT = Friction(model="soft", torsion=5e-3)  # as of a rubber pad of 1 cm
+
+
+def default_friction(fingers: Iterable[str]) -> Friction:
+    """The model where none is given, for contacts of these fingers: cones, and soft fingers where no more than two
+    fingers touch, which would hold nothing against turning about their line otherwise.
+    """
+    return SOFT if len(set(fingers)) <= 2 else CONE
 
 
 @lru_cache(maxsize=64)

@@ -270,14 +270,14 @@ def force_closure(
     Args:
         contacts: k contacts.
         mu: friction coefficient, a number or (k,) [-].
-        friction: the friction model; default: the exact cone.
+        friction: the friction model; None: as :class:`ForceProblem` chooses it.
         balance: ``"wrench"`` or ``"force"``.
     """
     problem = ForceProblem(
         contacts=contacts,
         load=np.zeros(6),
         mu=mu,
-        friction=Friction(model="cone") if friction is None else friction,
+        friction=friction,
         balance=balance,
     )
     A = balance_columns(problem, problem.friction.scale(problem.mu))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pinograsp import defaults
 from pinograsp.checks import (
     array_of,
     brief,
@@ -37,7 +38,7 @@ from pinograsp.contacts import (
 )
 from pinograsp.contacts.compliance import MEASURES, Measure
 from pinograsp.contacts.deceleration import bounds_of
-from pinograsp.contacts.friction import LARGEST_MU
+from pinograsp.contacts.friction import LARGEST_MU, default_friction
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.standard_form import StandardForms
@@ -189,7 +190,7 @@ class ProblemSettings(TypedDict, total=False):
     max_speed: float
     max_depth: float
     moment_length: float | None
-    friction: Friction
+    friction: Friction | None
     min_normal_force: ArrayLike | None
     max_normal_force: ArrayLike | None
     torques: TorqueLimits | None
@@ -215,7 +216,9 @@ class ForceProblem(StandardForms):
         moment_length: moments are divided by this length so that they compare with forces [m]; default (None): the
             mean distance of the contacts from the centre of mass.
         gravity_o: gravity (3,) [m/s^2]; it acts on the hand too, when joint torques are computed.
-        friction: the friction model with its safety factor; the grids need the paper's pyramid.
+        friction: the friction model with its safety factor; default (None): cones, and soft fingers (5 mm of torsion)
+            where no more than two fingers touch, which would hold nothing against turning about their line otherwise.
+            The grids need the paper's pyramid, ``Friction()``.
         min_normal_force: least F_n (k,) [N] besides the limits of the penetration; a number applies to all.
         max_normal_force: caps on F_n (k,) [N] besides the limits of the penetration; a number applies to all.
         torques: limits of the joint torques, or None.
@@ -232,14 +235,14 @@ class ForceProblem(StandardForms):
     compliance: Compliance = field(default_factory=Compliance)
     balance: Balance = "wrench"
     measure: Measure = "impulse"
-    final_time: float = 1.0
-    impact_time_range: tuple[float, float] = (0.80, 0.95)
-    acceleration_range: tuple[float, float] = (0.01, 1.0)
-    max_speed: float = 2.0
-    max_depth: float = 5e-3
+    final_time: float = defaults.FINAL_TIME
+    impact_time_range: tuple[float, float] = defaults.IMPACT_TIMES
+    acceleration_range: tuple[float, float] = defaults.ACCELERATIONS
+    max_speed: float = defaults.MAX_SPEED
+    max_depth: float = defaults.MAX_DEPTH
     moment_length: float = None  # type: ignore[assignment]  # None becomes a length in __post_init__
-    gravity_o: Array = (0.0, 0.0, -9.81)  # type: ignore[assignment]  # becomes an array in __post_init__
-    friction: Friction = field(default_factory=Friction)
+    gravity_o: Array = defaults.GRAVITY  # type: ignore[assignment]  # becomes an array in __post_init__
+    friction: Friction = None  # type: ignore[assignment]  # None becomes a model in __post_init__
     min_normal_force: Array | None = None
     max_normal_force: Array | None = None
     torques: TorqueLimits | None = None
@@ -293,6 +296,8 @@ class ForceProblem(StandardForms):
         for name, value in bounds_of(*bounds).items():
             put(name, value)
         instance_of("compliance", self.compliance, Compliance)
+        if self.friction is None:
+            put("friction", default_friction(contact.finger for contact in self.contacts))
         instance_of("friction", self.friction, Friction)
         instance_of("torques", self.torques, TorqueLimits, type(None))
         instance_of("shape", self.shape, DecelerationShape)
@@ -331,7 +336,7 @@ class ForceProblem(StandardForms):
         contacts: ContactSet,
         *,
         mu: ArrayLike,
-        gravity_o: ArrayLike = (0.0, 0.0, -9.81),
+        gravity_o: ArrayLike = defaults.GRAVITY,
         **settings: Unpack[ProblemSettings],
     ) -> ForceProblem:
         """The problem of holding ``object`` against gravity (3,) [m/s^2].
