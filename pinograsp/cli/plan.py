@@ -452,7 +452,7 @@ def print_plan(plan: GraspPlan, folder: Path) -> None:
     answer = does_it_hold(plan)
     answers = [
         ("Does it hold?", answer.text),
-        ("How hard?", f"{_presses(plan)}; joints bear at most {_peaks(plan)}"),
+        ("How hard?", f"{_presses(plan)}; joints bear at most {plan.peak_efforts()}"),
         ("Results", f"{folder / 'report.html'}, beside it report.md, plan.json, plan.npz, figures"),
     ]
     then = [
@@ -475,15 +475,6 @@ def _presses(plan: GraspPlan) -> str:
         several = f" at {len(each)} contacts" if len(each) > 1 else ""
         told.append(f"{finger} {sum(each):.2f} N{several}")
     return ", ".join(told)
-
-
-def _peaks(plan: GraspPlan) -> str:
-    """The largest torque, and the largest force of joints that slide."""
-    import numpy as np
-
-    largest, slides = np.abs(plan.motion.torques).max(axis=0), plan.hand.slides
-    kinds = ((largest[~slides], "N m"), (largest[slides], "N"))
-    return " and ".join(f"{values.max():.3g} {unit}" for values, unit in kinds if values.size)
 
 
 def _print_closure(closure: Closure) -> None:

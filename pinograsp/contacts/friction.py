@@ -53,7 +53,8 @@ class Friction:
         if edges % 2:
             raise InvalidInput(f"friction edges: expected an even integer >= 4, got {edges}")
         object.__setattr__(self, "edges", edges)
-        object.__setattr__(self, "torsion", number("friction torsion", self.torsion, at_least=0, unit="m"))
+        torsion = number("friction torsion", self.torsion, at_least=0, at_most=LARGEST_MU, unit="m")
+        object.__setattr__(self, "torsion", torsion)
         object.__setattr__(self, "safety", number("friction safety factor", self.safety, at_least=1))
         if self.model == "soft" and self.torsion == 0:
             raise InvalidInput("friction model 'soft': expected torsion > 0 [m] (moment per newton), got 0")

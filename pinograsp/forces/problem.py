@@ -120,17 +120,20 @@ class TorqueLimits:
         jacobian = array_of("contact Jacobians", self.jacobian, (None, 6, None))
         n = jacobian.shape[2]
         limit = floats_of("torque limits", self.limit, f"{n} numbers [N m]")
-        if limit.shape != (n,) or not np.all(limit > 0):
+        if limit.shape != (n,) or not np.all((limit > 0) & ((limit <= _STRONG) | (limit == np.inf))):
             raise InvalidInput(
-                f"torque limits: expected {n} values > 0 [N m] (infinity where a joint has none), got "
-                f"{shown(limit.tolist())}; "
-                "a hand description without effort limits needs limit=..."
+                f"torque limits: expected {n} values > 0, up to {_STRONG:g} [N m] or infinity where a joint has none, "
+                f"got {shown(limit.tolist())}; a hand description without effort limits needs limit=..."
             )
         joints = items_of("joints of the torque limits", self.joints, str)
         if joints and len(joints) != n:
             raise InvalidInput(f"torque limits: expected {n} joint names, got {len(joints)}")
+        bias = array_of("bias torques", self.bias, (n,))
+        for name, unit, values in (("contact Jacobians", "m", jacobian), ("bias torques", "N m", bias)):
+            if np.abs(values).max(initial=0.0) > _STRONG:
+                raise InvalidInput(f"{name}: expected sizes up to {_STRONG:g} [{unit}], got {np.abs(values).max():g}")
         object.__setattr__(self, "jacobian", jacobian)
-        object.__setattr__(self, "bias", array_of("bias torques", self.bias, (n,)))
+        object.__setattr__(self, "bias", bias)
         object.__setattr__(self, "limit", read_only(limit))
         object.__setattr__(self, "joints", joints or tuple(f"joint {j + 1}" for j in range(n)))
         object.__setattr__(self, "reserve", share_of("reserve of the torque limits", self.reserve))
@@ -354,7 +357,8 @@ class ForceProblem(StandardForms):
                 f"ForceProblem.holding() got an unexpected keyword argument '{unknown[0]}'; besides mu and gravity_o "
                 f"it takes {', '.join(ProblemSettings.__annotations__)}"
             )
-        weight = instance_of("object", object, Body).mass * array_of("gravity", gravity_o, (3,))
+        with np.errstate(over="ignore"):  # an infinite load is refused
+            weight = instance_of("object", object, Body).mass * array_of("gravity", gravity_o, (3,))
         load = np.concatenate([weight, np.zeros(3)])
         return cls(contacts=contacts, load=load, mu=mu, gravity_o=gravity_o, object=object, **settings)
 

@@ -264,11 +264,13 @@ def _beyond_drives(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
     kept = None if solution.problem.torques is None else solution.problem.torques.underactuation
     if left.max() > _SHARED * most and kept is None:
         worst = hand.joint_names[int(left.argmax())]
-        unit = "N" if hand.is_prismatic(hand.model.getJointId(worst)) else "N m"
+        unit, unit_of_most = (
+            "N" if hand.slides[i] else "N m" for i in (int(left.argmax()), int(np.abs(needed).argmax()))
+        )
         yield (
             f"the {hand.n} joints have {len(hand.drives)} motors between them, which cannot make these torques: "
-            f"{worst} lacks {left.max():.2g} {unit}, the largest torque is {most:.2g} N m; the joints settle "
-            "elsewhere, and the forces with them"
+            f"{worst} lacks {left.max():.2g} {unit}, the largest torque is {most:.2g} {unit_of_most}; the joints "
+            "settle elsewhere, and the forces with them"
         )
         return
     for drive, effort in zip(hand.drives, np.abs(efforts)):
