@@ -8,7 +8,7 @@ from typing import overload
 
 import numpy as np
 
-from pinograsp.checks import brief, number, shown
+from pinograsp.checks import brief, items_of, number, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, BoolArray
@@ -191,6 +191,7 @@ class Certificate:
 
     def active(self, names: Sequence[str]) -> tuple[str, ...]:
         """The active limits in words, for contacts called ``names``."""
+        names = items_of("names", names, str)
         words = [
             f"{name}: {limit}"
             for limit, mask in (

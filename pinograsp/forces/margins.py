@@ -150,6 +150,7 @@ def load_factor(
     Raises:
         InvalidInput: no load; both or neither of ``normal_forces`` and ``impact_time``.
     """
+    instance_of("problem", problem, ForceProblem)
     return 1.0 + disturbance_margin(problem, problem.load, normal_forces=normal_forces, impact_time=impact_time)
 
 

@@ -426,7 +426,7 @@ class ForceProblem(StandardForms):
 
     def normal_force_limits(self, impact_time: float) -> NormalForceLimits:
         """The range of F_n at t_F that Eqs. (13) allow for an impact at t_I [s], without the contacts' own limits."""
-        tau, depth = self.final_time - impact_time, self.depth_per_acceleration(impact_time)
+        depth, tau = self.depth_per_acceleration(impact_time), self.final_time - impact_time
         limits = {
             BY_ACCELERATION: self.acceleration_range[1] * depth,
             BY_SPEED: self.max_speed / (self.shape.speed_factor * tau) * depth,

@@ -79,6 +79,9 @@ class Body:
             mass=number(f"{name} mass", density * volume, above=0, unit="kg") if mass is None else mass,
             density=mass / volume if density is None else density,
         )
+        if self.inertia is not None:
+            most = self.mass * self.bounding_radius * self.bounding_radius
+            self._set(inertia=_checked_inertia(name, self.inertia, most))
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 finite = bool(np.isfinite(self.inertia_b).all())
@@ -86,8 +89,6 @@ class Body:
             finite = False
         if not finite:
             raise InvalidInput(f"{name}: expected a size whose inertia is a finite number, this one is too large")
-        if self.inertia is not None:
-            self._set(inertia=_checked_inertia(name, self.inertia, self.mass * self.bounding_radius**2))
         given = [note for note in items_of("notes", self.notes, str) if not note.endswith(_UNITS)]
         self._set(notes=(*given, *self._doubtful_units()))
 

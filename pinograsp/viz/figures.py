@@ -338,13 +338,13 @@ def _figures(plan: PlanRecord) -> dict[str, Callable[[], Figure]]:
 
 def figure_files(plan: PlanRecord) -> list[str]:
     """Names of the files that :func:`save_figures` writes."""
-    return list(_figures(plan))
+    return list(_figures(instance_of("plan", plan, PlanRecord)))
 
 
 def save_figures(plan: PlanRecord, folder: str | Path) -> list[Path]:
     """Write all figures of a plan as PNG files, and a picture of it where it has its hand; returns their paths."""
     paths = []
-    for name, drawn in _figures(plan).items():
+    for name, drawn in _figures(instance_of("plan", plan, PlanRecord)).items():
         paths.append(Path(folder) / name)
         drawn().savefig(paths[-1], dpi=130)
     return paths

@@ -36,6 +36,7 @@ def problem_of(seed, friction, k=4, balance="wrench"):
             friction=friction,
             balance=balance,
             moment_length=0.03,
+            max_depth=5e-3,
         )
         if pg.optimize_forces(problem, IMPACT).status is Status.OK:
             return problem
@@ -178,6 +179,7 @@ def test_at_a_jump_the_cost_of_load_is_between_the_derivatives_to_either_side():
         friction=pg.Friction(model="cone"),
         balance="force",
         min_normal_force=2.0,
+        max_depth=5e-3,
     )
     ends = []
     for weight in (1.9, 2.0, 2.1):
