@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
+from pinograsp import defaults
 from pinograsp.checks import instance_of, number, one_of, path_of
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.handover.actuators import Controls, archive, keyframes
@@ -73,7 +74,7 @@ def write_scene(
     path: str | Path,
     command: Command = "impedance",
     *,
-    hold: float = 1.0,
+    hold: float = defaults.HOLD,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
     shortfall: float | None = SHORTFALL,

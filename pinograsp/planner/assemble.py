@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pinograsp.checks import instance_of, read_only
+from pinograsp.checks import instance_of, mapping_of, read_only, text_of
 from pinograsp.contacts import PALM, Closure
 from pinograsp.contacts.clearance import HOLLOW, behind_hulls, meeting
 from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
@@ -267,7 +267,9 @@ def _hardly_pressing(solution: ForceSolution) -> Iterator[str]:
 
 def failure_of(error: SearchFailed, hand: str, settings: Mapping[str, Any]) -> PlanFailure:
     """The record of a search that found no forces, for a hand of that name."""
-    solution, proof = error.solution, None
+    solution, proof = instance_of("error", error, SearchFailed).solution, None
+    text_of("hand", hand)
+    settings = mapping_of("settings", settings)
     if isinstance(solution, ConvexSolution) and solution.infeasibility is not None:
         found = solution.infeasibility
         proof = Proof(

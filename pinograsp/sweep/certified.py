@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from tqdm import tqdm
 
+from pinograsp import defaults
 from pinograsp.certification import Reason, placement_hint
 from pinograsp.checks import brief, flag, instance_of, items_of, number, one_of, path_of, processes
 from pinograsp.data import FORMATS, Format, joined, read_grasps, write_grasps
@@ -144,7 +145,7 @@ def certify_files(
     folder: str | Path,
     conditions: GraspConditions,
     *,
-    tolerance: float = 2e-3,
+    tolerance: float = defaults.TOUCHES,
     drives: bool = True,
     jobs: int = -1,
     backend: Backend = "joblib",
