@@ -106,10 +106,13 @@ class ContactNotReached(NoGrasp):
 
 
 class SearchFailed(NoGrasp):
-    """A search for contact forces ended without any. ``solution`` is its record."""
+    """A search for contact forces ended without any. ``solution`` is its record; ``remedy``: what was tried and would
+    do, "" where nothing was.
+    """
 
-    def __init__(self, message: str, solution: Any):
+    def __init__(self, message: str, solution: Any, *, remedy: str = ""):
         self.solution = solution  # Any: this room comes before the records of forces
+        self.remedy = remedy
         super().__init__(message)
 
 
