@@ -212,19 +212,19 @@ _MEANINGS = {
     ),
     Status.INFEASIBLE: _Meaning(
         3,
-        "Raise mu, lighten the object, allow deeper penetration or an earlier impact, or refine the grid.",
-        (GraspInfeasible,),
+        "The message names what is in the way and what was tried and would do.",
+        (GraspInfeasible, CarryInfeasible),
     ),
     Status.INACCURATE: _Meaning(
         3,
         "The answer failed its certificate and nothing is proven: change load, mu or limits a little, or the solver.",
-        (GraspUndecided,),
+        (GraspUndecided, CarryUndecided),
     ),
     Status.INTERRUPTED: _Meaning(
         130, "The search was stopped: run it again to the end for the optimum.", (SearchInterrupted, KeyboardInterrupt)
     ),
     Status.NOT_FOUND: _Meaning(
-        3, "No grasp holds the object: try more samples, raise mu or lighten it.", (GraspNotFound,)
+        3, "The message says how the samples ended, and what was tried and would do.", (GraspNotFound,)
     ),
     Status.NOT_REACHED: _Meaning(
         3, "A finger cannot reach its contact: move the contact or the hand, or widen joint limits.", (NoGrasp,)

@@ -21,7 +21,7 @@ except KeyboardInterrupt:
     sys.stderr.write("pinograsp: interrupted\n")
     raise SystemExit(130) from None
 
-from pinograsp.errors import PinograspError, Status, exit_code_of, status_of
+from pinograsp.errors import PinograspError, SearchFailed, Status, exit_code_of, status_of
 from pinograsp.words import escaped
 
 __all__ = [
@@ -68,8 +68,9 @@ def run() -> int:
         sys.stdout.flush()
     except BaseException as error:
         code = _report(error)
-    if code == 130:
-        _as_json(Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", "Run the same command again.")
+    if code == 130 and not _as_json(
+        Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", "Run the same command again."
+    ):
         _say("interrupted")
     return code
 
@@ -87,23 +88,27 @@ def _report(error: BaseException) -> int:
             typer.echo(text, err=True)
             return code
         remedy = f"try '{error.ctx.command_path if error.ctx else 'pinograsp'} --help'"
-        text += f" ({remedy})"
     elif isinstance(error, PinograspError | OSError | MemoryError):
+        remedy = error.remedy if isinstance(error, SearchFailed) else ""
         text = str(error) if str(error) or not isinstance(error, MemoryError) else "not enough memory: ask for less"
     else:
         _as_json(Status.FAILED, name, str(error), "This is an error of pinograsp: report it with its traceback.")
         raise error
     if given["verbose"]:
         traceback.print_exception(error)
-    _as_json(status, name, text, remedy or status.remedy)
-    _say(text)
+    if not _as_json(status, name, text, remedy or status.remedy):
+        _say(f"{text} ({remedy})" if isinstance(error, _UsageError) else text)
     return code
 
 
-def _as_json(status: Status, name: str, text: str, remedy: str) -> None:
-    """Where that is asked for and none was printed, print one object: status, error, message, and what to do."""
-    if "--json" in sys.argv and not given["quiet"] and not given["told"]:
-        tell_json({"status": str(status), "error": name, "message": text, "remedy": remedy})
+def _as_json(status: Status, name: str, text: str, remedy: str) -> bool:
+    """Where that is asked for and none was printed, print one object: status, error, message, and what to do; whether
+    it was.
+    """
+    if "--json" not in sys.argv or given["quiet"] or given["told"]:
+        return False
+    tell_json({"status": str(status), "error": name, "message": text, "remedy": remedy})
+    return True
 
 
 def _interrupted(error: BaseException | None) -> bool:
