@@ -13,7 +13,7 @@ from pinograsp.errors import Status
 from pinograsp.plan.parts import WEAK, PlanFriction, PlanMargins, PlanReserve
 from pinograsp.plan.record import PlanRecord
 from pinograsp.plan.simulation import Simulation
-from pinograsp.words import number, printable
+from pinograsp.words import fixed, number, printable
 
 Level = Literal["yes", "caution", "no"]
 AnswerWord = Literal[
@@ -33,15 +33,15 @@ ANSWERS: dict[AnswerWord, str] = {
     "Yes": "forces and moments are in balance with the load, nothing speaks against the plan, and it was held where it "
     "was simulated",
     "Yes, with cautions": "the same, but the plan has cautions: what its promise does not cover, each in words",
-    "Barely": f"the load is held, but in some direction less than {100 * WEAK:g} % of the weight besides it is too much: "
-    "plan with a reserve",
+    "Barely": f"the load is held, but in some direction less than {100 * WEAK:g} % of the weight besides it is too "
+    "much: plan with a reserve",
     "Almost": "forces balance the load but for a small rest, which the answer gives in newtons: a grid search with the "
     "paper's net-force limit (status unbalanced)",
     "Not certain": "forces hold the load, but whether the hand brings them about, or keeps the object, is not sure: "
     "fingers cannot follow their paths (not_tracked), forces act on edges or the object gives way far (doubtful), or "
     "moments are not balanced; the answer says which",
-    "Not with what it was tried with": "lost in a simulation with disturbances or other differences from the plan, which "
-    "says nothing of the plan without them",
+    "Not with what it was tried with": "lost in a simulation with disturbances or other differences from the plan, "
+    "which says nothing of the plan without them",
     "No": "lost in a simulation of the plan as it is; the reason follows",
     "The plan is not complete": "there are forces, but no whole motion, or the search was stopped: the status and its "
     "remedy follow",
@@ -59,12 +59,10 @@ class Answer:
 
     Attributes:
         level: how far to trust it.
-        word: which answer it is, of :data:`ANSWERS`.
         text: in words, the answer first.
     """
 
     level: Level
-    word: AnswerWord
     text: str
 
 
@@ -105,7 +103,7 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
 
 
 def _answer(level: Level, word: AnswerWord, text: str) -> Answer:
-    return Answer(level, word, f"{word}{text}")
+    return Answer(level, f"{word}{text}")
 
 
 def no_grasp(status: Status) -> Answer:
@@ -124,13 +122,10 @@ def where_the_hand_is(plan: PlanRecord) -> str:
     placed = plan.hand_in_object
     if placed is None:
         return ""
-    (x, y, z), R = 1e3 * placed[:3, 3], placed[:3, :3]
+    shift, R = 1e3 * placed[:3, 3], placed[:3, :3]
     angles = (np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(np.clip(R[2, 0], -1.0, 1.0)), np.arctan2(R[1, 0], R[0, 0]))
-    roll, pitch, yaw = np.degrees(angles)
-    return (
-        f"root at {x:.1f}, {y:.1f}, {z:.1f} mm, roll, pitch, yaw {roll:.1f}, {pitch:.1f}, {yaw:.1f} deg in the "
-        "object's frame (a mesh's: its file's)"
-    )
+    at, turned = (", ".join(fixed(value, 1) for value in values) for values in (shift, np.degrees(angles)))
+    return f"root at {at} mm, roll, pitch, yaw {turned} deg in the object's frame (a mesh's: its file's)"
 
 
 def friction_model(friction: PlanFriction) -> str:
