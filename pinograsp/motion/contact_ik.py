@@ -171,8 +171,12 @@ def _beyond_limits(finger: Finger, angles: Sequence[Array], lower: Array, upper:
     """Which joints are beyond their limits, in the solution (n_f,) that is nearest to them."""
     beyond = [np.maximum(np.maximum(lower - q, q - upper), 0.0) for q in angles]
     nearest = angles[min(range(len(angles)), key=lambda i: (np.sum(beyond[i] > _LIMIT_SLACK), beyond[i].max()))]
+
+    def degrees(angle: float) -> str:
+        return fixed(math.degrees(angle), 1)
+
     over = [
-        f"{joint} at {fixed(math.degrees(q), 1)} deg, limits {fixed(math.degrees(low), 1)}..{fixed(math.degrees(high), 1)}"
+        f"{joint} at {degrees(q)} deg, limits {degrees(low)}..{degrees(high)}"
         for joint, q, low, high in zip(finger.actuated, nearest, lower, upper)
         if q < low - _LIMIT_SLACK or q > high + _LIMIT_SLACK
     ]

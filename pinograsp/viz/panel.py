@@ -7,6 +7,7 @@ from html import escape
 import numpy as np
 
 from pinograsp.viz.scene import ViewScene
+from pinograsp.words import fixed
 
 _CELL = "padding:1px 0 1px 6px;text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums"
 _FIRST = "padding:1px 0;text-align:left;max-width:9em;overflow:hidden;text-overflow:ellipsis;white-space:nowrap"
