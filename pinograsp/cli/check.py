@@ -164,7 +164,7 @@ def check(
 
       pinograsp check runs/paper --kp 100 --joint-friction 0.01
 
-    Runs are written by 'pinograsp plan'.
+    Runs are written by 'pinograsp plan'. What each answer means: docs/howto/answers.md
     """
     from pinograsp.checks import one_of
     from pinograsp.planner import load_run

@@ -201,6 +201,8 @@ def plan(
       pinograsp plan --hand g1_right --object sphere:radius=0.04,mass=0.1 --wrap
 
     A case of your own: pinograsp new case.yaml && pinograsp plan case.yaml
+
+    What each answer means: docs/howto/answers.md
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     if case is not None and hand is None and object is None:

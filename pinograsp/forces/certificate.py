@@ -235,6 +235,6 @@ class Infeasibility:
         """What any admissible forces leave at least, in words, with its norm."""
         over = " and of the torques above their limits" if self.at_torque else ""
         return (
-            f"any admissible forces leave {self.margin:.4g} N or more of the net wrench{over} (norm of force and "
+            f"any admissible forces leave at least {self.margin:.4g} N of the net wrench{over} (norm of force and "
             "moment, the moment over the moment length)"
         )
