@@ -212,7 +212,7 @@ _MEANINGS = {
     ),
     Status.INFEASIBLE: _Meaning(
         3,
-        "The message names what is in the way and what was tried and would do.",
+        "What is in the way, and what was tried and would do, is in the message of a plan, or in diagnose().",
         (GraspInfeasible, CarryInfeasible),
     ),
     Status.INACCURATE: _Meaning(

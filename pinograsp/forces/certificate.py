@@ -229,7 +229,7 @@ class Infeasibility:
 
     def __str__(self) -> str:
         limits = f", with the torque limits of {', '.join(self.at_torque)}" if self.at_torque else ""
-        return f"proven: {self.least_left()}{limits}; pinograsp.diagnose says why"
+        return f"proven: {self.least_left()}{limits}"
 
     def least_left(self) -> str:
         """What any admissible forces leave at least, in words, with its norm."""

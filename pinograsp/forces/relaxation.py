@@ -39,6 +39,7 @@ LimitName = Literal[
 
 # Above that of any pair of materials: a grasp that fails with it lacks something other than friction.
 LARGEST_FRICTION = 10.0
+_SLIPPERY = 1e-3  # least friction coefficient
 _MOST = 1e4  # times: a limit so much wider is none
 _SHARP = 5e-3  # relative, of the figures
 _ROOM = 1.01  # times the least relaxation: postures and impact times move a little with the forces
@@ -114,7 +115,7 @@ class Relaxation:
                 same: dict[str, Any] = {"mass": body.mass / f, "density": None, "inertia": inertia}
                 changed["object"] = replace(body, **same)
         elif self.limit == "mu":
-            changed["mu"] = np.minimum(f * problem.mu, LARGEST_MU)
+            changed["mu"] = np.minimum(f * _friction(problem), LARGEST_MU)
         elif self.limit == "largest_acceleration":
             low, high = problem.acceleration_range
             changed["acceleration_range"] = (low, high * f)
@@ -162,6 +163,7 @@ class Relaxation:
             change = "less" if self.limit in _LOWERED else "as much"
             return f"{what} ({name}): {self.factor:.3g} times {change}"
         needed = given / self.factor if self.limit in _LOWERED else given * self.factor
+        given = 0.0 if self.limit == "mu" and not setup.problem.mu.any() else given
         direction = "at most" if self.limit in _LOWERED else "at least"
         return f"{what} ({name}): {direction} {number(scale * needed, 3)}{unit}, given {number(scale * given, 3)}{unit}"
 
@@ -210,6 +212,11 @@ _WORDS: dict[LimitName, tuple[str, str, str, float]] = {
 }
 
 
+def _friction(problem: ForceProblem) -> Array:
+    """The friction coefficients (k,) to start from, above 0."""
+    return problem.mu if problem.mu.any() else np.full(problem.k, _SLIPPERY)
+
+
 def _nothing(limit: LimitName) -> float:
     """The part of a reserve that is none."""
     return 1.0 if limit in _FACTORS else 0.0
@@ -227,6 +234,8 @@ def _figure(setup: Setup, limit: LimitName) -> float | None:
         values = None if problem.object is None else problem.object.mass
     elif limit in ("least_acceleration", "largest_acceleration"):
         values = problem.acceleration_range[limit == "largest_acceleration"]
+    elif limit == "mu":
+        values = _friction(problem)
     else:
         values = getattr(problem, limit)
     if values is None:
@@ -244,7 +253,7 @@ def _there(setup: Setup, limit: LimitName) -> bool:
         known = setup.limit if problem.torques is None else problem.torques.limit
         return known is not None and bool(np.isfinite(known).any())
     if limit == "mu":
-        return bool(0 < problem.mu.max() < LARGEST_FRICTION)
+        return bool(problem.mu.max() < LARGEST_FRICTION)
     if limit == "mass":
         return bool(np.any(problem.load))
     if limit == "min_normal_force":
@@ -294,7 +303,7 @@ def relaxations_of(
 def _widest(setup: Setup, limit: LimitName) -> Relaxation:
     """As far as a limit is relaxed at all."""
     if limit == "mu":
-        return Relaxation(limit="mu", factor=LARGEST_FRICTION / float(setup.problem.mu.max()))
+        return Relaxation(limit="mu", factor=LARGEST_FRICTION / float(_friction(setup.problem).max()))
     no_limit = limit in _PARTS or limit == "torque_limit"
     return Relaxation(limit=limit, factor=np.inf if no_limit else _MOST)
 
