@@ -132,6 +132,8 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) ->
     if not isinstance(error, SearchFailed):
         return error
     told = task.advised(error)
+    if len(refused) == 1:
+        return told
     proven = sum(isinstance(one, GraspInfeasible) for one, _ in refused)
     how = "proven for each of them" if proven == len(refused) else f"proven for {proven} of them"
     lead = f"none of the {len(refused)} grasps that were found can be planned ({how}). Of the nearest one:"

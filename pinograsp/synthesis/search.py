@@ -172,7 +172,7 @@ def find_grasps(
     region = None if within is None else _region(within, body)
     jobs = processes(jobs)
     instance_of("progress", progress, bool, type(None))
-    first, *rounds, wider = np.random.SeedSequence(seed).spawn(2 + _ROUNDS)
+    first, *rounds = np.random.SeedSequence(seed).spawn(1 + _ROUNDS)
     try:
         case = case_of(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), region)
     except Exception as error:
@@ -189,7 +189,7 @@ def find_grasps(
                 run.batches(one, interrupt)
                 if any(grasp.sound == SOUND for grasp in run.found) or (not run.found and too_large):
                     break
-            near = () if any(grasp.bears for grasp in run.found) or too_large else run.near(wider, interrupt)
+            near = () if any(grasp.bears for grasp in run.found) or too_large else run.near(rounds[0], interrupt)
         except KeyboardInterrupt:
             run.interrupted, near = True, ()
         except BrokenProcessPool:
@@ -248,8 +248,8 @@ class _Run:
         interrupt()
 
     def near(self, seed: np.random.SeedSequence, interrupt: Callable[[], None]) -> tuple[FoundGrasp, ...]:
-        """The best grasps of wider conditions, for what is in the way of the given ones: a round without the limits of
-        forces and torques, then one with more friction as well.
+        """The best grasps of wider conditions, for what is in the way of the given ones: the first round again
+        without the limits of forces and torques, then with more friction as well.
         """
         for conditions in wider_conditions(self.case.conditions):
             found = []
