@@ -67,7 +67,7 @@ class GraspSearch:
             neither a motor nor a spring moves.
         near: where no grasp withstands the reserve, the best of those that do without the limits of forces and torques,
             or with more friction besides: they show what is in the way.
-        advice: where nothing holds, lines of what would let forces hold the first of these; each was tried.
+        advice: lines of what would let forces hold the first of these, reserve included; each was tried.
     """
 
     grasps: tuple[FoundGrasp, ...]
@@ -99,11 +99,10 @@ class GraspSearch:
         samples = _counted(self.tried, "sample")
         if self.grasps:
             good = sum(grasp.bears for grasp in self.grasps)
-            which = "" if good == len(self.grasps) else f", {good} of which withstand their reserve,"
-            text = (
-                f"{_counted(len(self.grasps), 'grasp')}{which} from {samples}, the best of every {_BATCH} moved about"
-            )
-            return f"{text}. As drawn: {counts}" if counts else text
+            which = "" if good == len(self.grasps) else f" ({good} with a squeeze that withstands the reserve)"
+            grasps = _counted(len(self.grasps), "grasp")
+            text = f"{grasps}{which} from {samples}, the best of every {_BATCH} moved about. As drawn: {counts}"
+            return "\n".join([text, *self.advice])
         text, (least, largest) = f"no grasp of {samples} holds the object: {counts}", self.opening
         sizes = f"its opposed surfaces are {1e3 * self.width:.3g} mm apart or more, and this hand opens by"
         if self.width > largest:
@@ -206,7 +205,7 @@ def find_grasps(
         interrupted=run.interrupted,
         remarks=_remarks(hand),
         near=near,
-        advice=() if run.found else what_would_do(near, conditions, impact_time),
+        advice=what_would_do(near, conditions, impact_time),
     )
 
 
