@@ -10,7 +10,7 @@ import pinograsp as pg
 
 plan = pg.load_case("paper", {"forces.search": "convex", "friction.model": "cone"}).plan()
 load, q = np.array(plan.problem.load), plan.motion.q[-1]
-# Compiles here, not in the loop.
+# Prepared once, before the loop.
 online = pg.OnlineForces(plan.problem, hand=plan.hand, q=q, max_rate=200.0, ramp=0.05)
 
 spent = []

@@ -115,10 +115,13 @@ class ContactNotReached(NoGrasp):
 
 
 class SearchFailed(NoGrasp):
-    """A search for contact forces ended without any. ``solution`` is its record."""
+    """A search for contact forces ended without any. ``solution`` is its record; ``remedy``: what was tried and would
+    do, "" where nothing was.
+    """
 
-    def __init__(self, message: str, solution: Any):
+    def __init__(self, message: str, solution: Any, *, remedy: str = ""):
         self.solution = solution  # Any: this room comes before the records of forces
+        self.remedy = remedy
         super().__init__(message)
 
 
@@ -218,19 +221,19 @@ _MEANINGS = {
     ),
     Status.INFEASIBLE: _Meaning(
         3,
-        "Raise mu, lighten the object, allow deeper penetration or an earlier impact, or refine the grid.",
-        (GraspInfeasible,),
+        "What is in the way, and what was tried and would do, is in the message of a plan, or in diagnose().",
+        (GraspInfeasible, CarryInfeasible),
     ),
     Status.INACCURATE: _Meaning(
         3,
         "The answer failed its certificate and nothing is proven: change load, mu or limits a little, or the solver.",
-        (GraspUndecided,),
+        (GraspUndecided, CarryUndecided),
     ),
     Status.INTERRUPTED: _Meaning(
         130, "The search was stopped: run it again to the end for the optimum.", (SearchInterrupted, KeyboardInterrupt)
     ),
     Status.NOT_FOUND: _Meaning(
-        3, "No grasp holds the object: try more samples, raise mu or lighten it.", (GraspNotFound,)
+        3, "The message says how the samples ended, and what was tried and would do.", (GraspNotFound,)
     ),
     Status.NOT_REACHED: _Meaning(
         3, "A finger cannot reach its contact: move the contact or the hand, or widen joint limits.", (NoGrasp,)

@@ -264,13 +264,15 @@ def _(solution: ForceSolution) -> _Page:
         ]
     facts = [
         ("t_I", "" if solution.impact_time is None else f"{solution.impact_time:g} s"),
-        ("left over", f"{number(solution.residual_force, 3)} N, {number(solution.residual_moment, 3)} N m"),
     ]
+    if solution.found:
+        left = f"{number(solution.residual_force, 3)} N, {number(solution.residual_moment, 3)} N m"
+        facts.append(("left over", left))
     if isinstance(solution, ConvexSolution):
         if solution.certificate is not None:
             facts += _proof(solution.certificate, problem.contacts)
         if solution.infeasibility is not None:
-            facts.append(("proof", f"any admissible forces leave {number(solution.infeasibility.margin, 3)} N or more"))
+            facts.append(("proof", solution.infeasibility.least_left()))
     facts.append(("computed", f"{solution.search} search, {solution.backend or 'no solver'}, {solution.elapsed:.3g} s"))
     return _Page(
         title="contact forces",

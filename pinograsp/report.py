@@ -25,7 +25,7 @@ from pinograsp.plan.answer import (
     work,
     work_in_words,
 )
-from pinograsp.words import number, printable
+from pinograsp.words import fixed, number, printable
 from pinograsp.writing import place_of, write_errors
 
 _LOST = 1e-3  # share of the energy that couplings cost: worth a sentence
@@ -231,7 +231,7 @@ def _listed(title: str, texts: Sequence[str]) -> list[str]:
 def _contact_section(plan: PlanRecord) -> list[str]:
     forces = plan.forces
     rows = [
-        (name, *(f"{f:.4f}" for f in force), f"{deceleration:.4f}", f"{missed:.1e}")
+        (name, *(fixed(f, 4) for f in force), fixed(deceleration, 4), f"{missed:.1e}")
         for name, force, deceleration, missed in zip(
             plan.contacts.names, forces.forces_c, forces.acceleration, plan.motion.tracking_error
         )
@@ -247,16 +247,17 @@ def _contact_section(plan: PlanRecord) -> list[str]:
 
 
 def _torque_section(plan: PlanRecord) -> list[str]:
+    slides = [False] * len(plan.layout.joints) if plan.hand is None else plan.hand.slides.tolist()
+    maxima = plan.torque_maxima()
+    nothing = _ROUNDING * max(
+        (values.max(initial=0.0) for one in maxima.values() for values in one.values()), default=0
+    )
     rows = [
-        (finger, phase, ", ".join(number(value) for value in values))
-        for finger, phases in plan.torque_maxima().items()
-        for phase, values in phases.items()
+        (finger, plan.layout.joints[j], *(number(v if v > nothing else 0.0) for v in both), "N" if slides[j] else "N m")
+        for finger, phases in maxima.items()
+        for j, *both in zip(plan.layout.fingers[finger], phases["approach"].tolist(), phases["grasp"].tolist())
     ]
-    return [
-        "## Joint torque maxima [N m; N where joints slide]",
-        "",
-        *table(("finger", "phase", "joints, base to tip"), rows),
-    ]
+    return ["## Joint torque maxima", "", *table(("finger", "joint", "approach", "grasp", "unit"), rows)]
 
 
 def _search_section(plan: PlanRecord) -> list[str]:
@@ -288,6 +289,7 @@ def _search_section(plan: PlanRecord) -> list[str]:
     return ["## Search", "", text, "", *table(("cells rejected by", "count"), rows)]
 
 
+_ROUNDING = 1e-9  # of the largest torque: smaller ones are rounding
 _FIRST = ("grasp", "contact_forces")
 _CAPTIONS = {
     "grasp": "The grasp at t_F: forces on the object, its weight and load in black",

@@ -18,6 +18,12 @@ def number(value: float | None, digits: int = 4) -> str:
     return f"{value:.{max(digits - 1 - exponent, 0)}f}" if -4 <= exponent < 6 else f"{value:.{digits - 2}e}"
 
 
+def fixed(value: float, decimals: int) -> str:
+    """A number with so many decimals, and without a sign where these are all 0."""
+    text = f"{value:.{decimals}f}"
+    return text.lstrip("-") if not text.strip("-0.") else text
+
+
 def escaped(text: str, keep: str = "") -> str:
     """Text without what would steer a terminal or turn the direction, but for the characters to ``keep``."""
     return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode() for c in text)

@@ -9,9 +9,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jupytext
 import nbformat
 import pytest
 from nbclient import NotebookClient
+from typer.main import get_command
+
+from pinograsp.certification import Reason
+from pinograsp.cli import app
+from pinograsp.errors import Status
+from pinograsp.plan.answer import ANSWERS
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -43,6 +50,7 @@ def test_python_runs(path, tmp_path):
         [sys.executable, "page.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=900
     )
     assert done.returncode == 0, done.stdout + done.stderr
+    assert "np.float64(" not in done.stdout
 
 
 def test_tutorials_are_executed_as_the_site_is_built():
@@ -51,6 +59,36 @@ def test_tutorials_are_executed_as_the_site_is_built():
     for path in pages:
         text = path.read_text(encoding="utf-8")
         assert text.count("```{code-cell}") >= 3 and "```python\n" not in text, path.name
+
+
+def test_every_answer_is_explained():
+    """The first words of an answer, every status with its exit code, every reason of a certificate."""
+    page = (DOCS / "howto" / "answers.md").read_text(encoding="utf-8")
+    rows = {line.split("|")[1].strip().strip("`"): line for line in page.splitlines() if line.startswith("| `")}
+    assert set(ANSWERS) | set(map(str, Status)) | {"HELD", "LOST"} <= set(rows)
+    for status in Status:
+        assert int(rows[str(status)].split("|")[2]) == status.exit_code, status
+    for word, meaning in ANSWERS.items():
+        assert meaning[:20] in rows[word], word
+    certify = (DOCS / "howto" / "certify.md").read_text(encoding="utf-8")
+    assert all(f"| `{reason.name.lower()}` | {int(reason)} |" in certify for reason in Reason)
+    for name in ("plan", "check", "carry"):
+        assert "answers.md" in (get_command(app).commands[name].help or ""), name
+    assert "howto/answers.md" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow  # plans the paper's case
+@pytest.mark.no_cover
+def test_the_papers_page_shows_its_figures(tmp_path):
+    """Every cell of a figure has a picture among what it shows."""
+    page = jupytext.read(DOCS / "tutorials" / "paper.md", fmt="md:myst")
+    code = [cell for cell in page.cells if cell.cell_type == "code"]
+    drawing = [cell for cell in code if re.search(r"^figures\.", cell.source, re.M)]
+    page.cells = [code[0], *drawing]
+    assert len(drawing) >= 5
+    NotebookClient(page, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    for cell in drawing:
+        assert any("image/png" in output.get("data", {}) for output in cell.outputs), cell.source
 
 
 def notebooks():

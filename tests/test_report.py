@@ -24,7 +24,7 @@ from pinograsp.storage import newest_check
 from pinograsp.viz import figures
 from pinograsp.viz.figures import save_figures
 from pinograsp.viz.scene import scene_of
-from pinograsp.words import number, printable
+from pinograsp.words import fixed, number, printable
 
 CHANGES = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.2}
 
@@ -496,3 +496,25 @@ def test_records_print_on_a_few_lines(hand, cylinder):
         assert len(told) <= 300 and "\n" not in told and told.startswith(kind.__name__), told[:400]
     assert "status=ok" in repr(plan) and "humanoid_hand" in repr(plan) and "thumb" in repr(plan.contacts)
     assert simulation.verdict.reason[:20] in repr(simulation.verdict) and "mujoco" not in repr(simulation)
+
+
+def test_torque_maxima_have_names_and_no_rounding(run):
+    """A joint of which nothing is asked has 0, however the sums came out."""
+    torques = np.array(run.motion.torques)
+    torques[:, 0] = 1e-15
+    quiet = replace(run, motion=replace(run.motion, torques=torques))
+    text = markdown(quiet)
+    rows = text.partition("## Joint torque maxima")[2].partition("## ")[0]
+    cells = {row.split("|")[2].strip(): row.split("|")[3:6] for row in rows.splitlines() if row.count("|") == 6}
+    assert {name.replace("_", "") for name in run.layout.joints} <= {
+        name.replace("\\", "").replace("_", "") for name in cells
+    }
+    first = next(row for name, row in cells.items() if name.replace("\\", "") == run.layout.joints[0])
+    assert [one.strip() for one in first] == ["0", "0", "N m"] and "e-15" not in rows
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(-1e-9, "0.0"), (-0.0, "0.0"), (-0.04, "0.0"), (-0.06, "-0.1"), (2.0, "2.0")]
+)
+def test_zeros_have_no_sign(value, text):
+    assert fixed(value, 1) == text

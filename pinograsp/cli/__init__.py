@@ -25,7 +25,7 @@ except KeyboardInterrupt:
     sys.stderr.write("pinograsp: interrupted\n")
     raise SystemExit(130) from None
 
-from pinograsp.errors import PinograspError, Status, exit_code_of, status_of
+from pinograsp.errors import PinograspError, SearchFailed, Status, exit_code_of, status_of
 from pinograsp.words import escaped
 
 __all__ = [
@@ -81,9 +81,10 @@ def run() -> int:
         if _is_cut_off(error):
             return _CUT_OFF
         code = _report(error)
-    if code == 130:
-        if not _as_json(Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", "Run the same command again."):
-            _say("interrupted")
+    if code == 130 and not _as_json(
+        Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", "Run the same command again."
+    ):
+        _say("interrupted")
     return code
 
 
@@ -113,6 +114,7 @@ def _report(error: BaseException) -> int:
             return code
         remedy = f"try '{error.ctx.command_path if error.ctx else 'pinograsp'} --help'"
     elif isinstance(error, PinograspError | OSError | MemoryError):
+        remedy = error.remedy if isinstance(error, SearchFailed) else ""
         text = str(error) if str(error) or not isinstance(error, MemoryError) else "not enough memory: ask for less"
     else:
         _as_json(Status.FAILED, name, str(error), "This is an error of pinograsp: report it with its traceback.")
@@ -121,16 +123,18 @@ def _report(error: BaseException) -> int:
     if given["verbose"]:
         traceback.print_exception(error)
     if not _as_json(status, name, text, remedy or status.remedy):
-        _say(f"{text} ({remedy})" if remedy else text)
+        _say(f"{text} ({remedy})" if isinstance(error, _UsageError) else text)
     return code
 
 
 def _as_json(status: Status, name: str, text: str, remedy: str) -> bool:
-    """Where that is asked for and none was printed, print one object: status, error, message, and what to do."""
-    asked = "--json" in sys.argv and not given["quiet"] and not given["told"]
-    if asked:
-        tell_json({"status": str(status), "error": name, "message": text, "remedy": remedy})
-    return asked
+    """Where that is asked for and none was printed, print one object: status, error, message, and what to do; whether
+    it was.
+    """
+    if "--json" not in sys.argv or given["quiet"] or given["told"]:
+        return False
+    tell_json({"status": str(status), "error": name, "message": text, "remedy": remedy})
+    return True
 
 
 def _interrupted(error: BaseException | None) -> bool:

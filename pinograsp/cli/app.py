@@ -113,6 +113,23 @@ def pairs(option: str, given: list[str] | None) -> dict[str, str]:
     return found
 
 
+def numbers(option: str, text: str, counts: tuple[int, ...], wanted: str = "") -> list[float]:
+    """The numbers of an option; ``counts``: how many there may be, ``wanted``: what they are, with their units.
+
+    Raises:
+        InvalidInput: other texts, other counts.
+    """
+    values = []
+    with contextlib.suppress(ValueError):
+        values = [float(value) for value in text.split(",")]
+    if len(values) not in counts:
+        many = " or ".join(map(str, counts))
+        expected = f"{many} number{'' if counts == (1,) else 's'} separated by commas"
+        what = f", {wanted}" if wanted else ""
+        raise InvalidInput(f"{option}: expected {expected}{what}, got '{text:.100}'")
+    return values
+
+
 def posture_of(given: list[str] | None) -> dict[str, float]:
     """Positions by joint; :class:`InvalidInput` for texts that are not NAME=NUMBER, and for names given twice."""
     found = {}

@@ -137,7 +137,7 @@ def carry(
       pinograsp carry ball --robot panda --root panda_link0 --path way.csv
 
     Add --check to simulate it, --squeeze constant for a gripper that is told one force, --scenario mass=1.2 to bear
-    more.
+    more. What each answer means: docs/howto/answers.md
     """
     from pinograsp.carry import ArmPath, plan_carry, save_carry, simulate_carry
     from pinograsp.hands import load_hand

@@ -14,7 +14,7 @@ import typer
 
 from pinograsp import defaults
 from pinograsp.cli import completion
-from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, bar, given, new_folder, tell_json
+from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, bar, given, new_folder, numbers, tell_json
 from pinograsp.cli.screen import command, needs, show, tell
 from pinograsp.errors import InvalidInput
 
@@ -165,7 +165,7 @@ def check(
 
       pinograsp check runs/paper --kp 100 --joint-friction 0.01
 
-    Runs are written by 'pinograsp plan'.
+    Runs are written by 'pinograsp plan'. What each answer means: docs/howto/answers.md
     """
     from pinograsp.checks import one_of
     from pinograsp.planner import load_run
@@ -397,25 +397,25 @@ def _disturbance(task: Task, options: _Differences) -> Disturbance:
     for text in options.push or ():
         values, _, when = text.partition("@")
         start, _, duration = when.partition("+")
-        wrench = _numbers("--push", values, (3, 6))
+        wrench = numbers("--push", values, (3, 6))
         timing = {}
         if start:
-            timing["start"] = _numbers("--push", start, (1,))[0]
+            timing["start"] = numbers("--push", start, (1,))[0]
         if duration:
-            timing["duration"] = _numbers("--push", duration, (1,))[0]
+            timing["duration"] = numbers("--push", duration, (1,))[0]
         pushes.append(Push(wrench_o=np.array([*wrench, *[0.0] * (6 - len(wrench))]), **timing))
     given: dict[str, Any] = {"pushes": tuple(pushes), "mu": options.mu}
     if options.shake is not None:
         values, _, frequency = options.shake.partition("@")
-        given["shake"] = _numbers("--shake", values, (3,))
+        given["shake"] = numbers("--shake", values, (3,))
         if frequency:
-            given["shake_frequency"] = _numbers("--shake", frequency, (1,))[0]
+            given["shake_frequency"] = numbers("--shake", frequency, (1,))[0]
     if options.mass is not None:
         given["mass_factor"] = number("--mass", options.mass, above=0, unit="kg") / task.body.mass
     if options.offset is not None:
-        given["object_offset"] = 1e-3 * np.array(_numbers("--offset", options.offset, (3,)))
+        given["object_offset"] = 1e-3 * np.array(numbers("--offset", options.offset, (3,)))
     if options.turn is not None:
-        given["object_turn"] = np.radians(_numbers("--turn", options.turn, (3,)))
+        given["object_turn"] = np.radians(numbers("--turn", options.turn, (3,)))
     given |= {"stiffness": options.stiffness, "servo_gain": options.servo_gain}
     if options.base_motion is not None and options.base_path is not None:
         raise InvalidInput("--base-path: expected without --base-motion, both tell the motion of the base")
@@ -446,7 +446,7 @@ def _of_joints(hand: HandModel, option: str, text: str, turning: float, sliding:
     """Values of the joints (n,), from one number or n, times the unit of turning or sliding joints."""
     import numpy as np
 
-    values = _numbers(option, text, (1,) if hand.n == 1 else (1, hand.n))
+    values = numbers(option, text, (1,) if hand.n == 1 else (1, hand.n))
     each: Array = np.array(values) * np.where(hand.slides, sliding, turning)
     return each
 
@@ -459,7 +459,7 @@ def _rows(option: str, path: Path) -> tuple[Array, Array]:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidInput(f"{option}: expected a readable file of text, got '{path}' ({error})") from error
-    rows = np.array([_numbers(option, line, (4,)) for line in lines if line.strip()]).reshape(-1, 4)
+    rows = np.array([numbers(option, line, (4,)) for line in lines if line.strip()]).reshape(-1, 4)
     return rows[:, 0], rows[:, 1:]
 
 
@@ -475,18 +475,6 @@ def _errors(text: str | None) -> Errors | None:
         known = [field.name for field in fields(Errors)]
         if name not in known or name in given or not value:
             raise InvalidInput(f"--errors: expected NAME=VALUE,... each once of {', '.join(known)}, got '{text:.100}'")
-        numbers = _numbers("--errors", value.replace(":", ","), (1, 2, 3))
-        given[name] = numbers[0] if len(numbers) == 1 else tuple(numbers)
+        sizes = numbers("--errors", value.replace(":", ","), (1, 2, 3))
+        given[name] = sizes[0] if len(sizes) == 1 else tuple(sizes)
     return Errors(**given)
-
-
-def _numbers(option: str, text: str, counts: tuple[int, ...]) -> list[float]:
-    try:
-        values = [float(value) for value in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) not in counts:
-        raise InvalidInput(
-            f"{option}: expected {' or '.join(map(str, counts))} numbers separated by commas, got '{text}'"
-        )
-    return values

@@ -39,6 +39,7 @@ from pinograsp.cli.app import (
     given,
     loading,
     new_folder,
+    numbers,
     posture_of,
     refuse_with_case,
     tell_json,
@@ -201,6 +202,8 @@ def plan(
       pinograsp plan --hand g1_right --object sphere:radius=0.04,mass=0.1 --wrap
 
     A case of your own: pinograsp new case.yaml && pinograsp plan case.yaml
+
+    What each answer means: docs/howto/answers.md
     """
     options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
     if case is not None and hand is None and object is None:
@@ -224,7 +227,7 @@ def plan(
             "samples": samples,
             "seed": seed,
             "wrap": wrap,
-            "within": _numbers("--within", "x,y,z,x,y,z [m]", within),
+            "within": _region(within),
             "table": table,
             "torque_limit": torque_limit,
             "check": check,
@@ -281,16 +284,15 @@ def _object_case(hand: str, object: str, root: str | None, at: str | None, **opt
         hand=hand,
         object=object,
         root=root,
-        at=_numbers("--at", "x,y,z or x,y,z,roll,pitch,yaw [m, deg]", at),
+        at=None if at is None else numbers("--at", at, (3, 6), "x,y,z or x,y,z,roll,pitch,yaw [m, deg]"),
         **options,
     )
 
 
-def _numbers(option: str, wanted: str, text: str | None) -> tuple[float, ...] | None:
-    try:
-        return None if text is None else tuple(float(value) for value in text.split(","))
-    except ValueError:
-        raise InvalidInput(f"{option}: expected {wanted}, got '{text}'") from None
+def _region(within: str | None) -> list[float] | None:
+    """The corners of ``--within``."""
+    wanted = "the lower and the upper corner of a box, x,y,z,x,y,z [m]"
+    return None if within is None else numbers("--within", within, (6,), wanted)
 
 
 def _found(case: ObjectCase, as_json: bool) -> GraspSearch | None:
@@ -359,7 +361,7 @@ def close(
         "samples": samples,
         "seed": seed,
         "wrap": wrap,
-        "within": _numbers("--within", "x,y,z,x,y,z [m]", within),
+        "within": _region(within),
         "hulls": hulls,
         "posture": posture_of(posture),
         **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),

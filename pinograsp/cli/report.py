@@ -48,7 +48,7 @@ def refresh(run: Path, check: Path | None = None, *, redraw: bool = True) -> Ans
     Figures show the plan alone: without ``redraw`` those that are there are taken.
     """
     from pinograsp.plan import PlanFailure
-    from pinograsp.plan.answer import Answer, does_it_hold
+    from pinograsp.plan.answer import does_it_hold, no_grasp
     from pinograsp.report import write_report
     from pinograsp.storage import newest_check, read_check, read_run
     from pinograsp.viz.figures import figure_files, save_figures
@@ -62,7 +62,7 @@ def refresh(run: Path, check: Path | None = None, *, redraw: bool = True) -> Ans
         loaded = _read(run)
         if isinstance(loaded, PlanFailure):
             write_report(loaded, path)
-            answers.append(Answer("no", f"No grasp ({loaded.status})."))
+            answers.append(no_grasp(loaded.status))
             return
         found = check if check is not None else newest_check(run)
         simulation = None if found is None else read_check(found)

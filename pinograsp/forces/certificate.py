@@ -243,4 +243,12 @@ class Infeasibility:
 
     def __str__(self) -> str:
         limits = f", with the torque limits of {', '.join(self.at_torque)}" if self.at_torque else ""
-        return f"proven: any admissible forces leave {self.margin:.3g} N or more{limits}; pinograsp.diagnose says why"
+        return f"proven: {self.least_left()}{limits}"
+
+    def least_left(self) -> str:
+        """What any admissible forces leave at least, in words, with its norm."""
+        over = " and of the torques above their limits" if self.at_torque else ""
+        return (
+            f"any admissible forces leave at least {self.margin:.4g} N of the net wrench{over} (norm of force and "
+            "moment, the moment over the moment length)"
+        )

@@ -12,10 +12,8 @@ from pinograsp.forces.certificate import Infeasibility
 from pinograsp.forces.infeasibility import holds, load_factors, prove
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import feasibility
+from pinograsp.forces.relaxation import LARGEST_FRICTION, Setup, relaxations_of
 from pinograsp.spatial import Array
-
-# Above that of any pair of materials: a grasp that fails with it lacks something other than friction.
-_LARGEST_FRICTION = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,7 +75,7 @@ def _smallest_mu(problem: ForceProblem, impact_time: float) -> Array | None:
     def enough(largest: float) -> bool:
         return holds(feasibility(replace(problem, mu=base * (largest / base.max())), *bounds))
 
-    lo, hi = 0.0, _LARGEST_FRICTION
+    lo, hi = 0.0, LARGEST_FRICTION
     if np.any(np.greater(*bounds)) or not enough(hi):
         return None
     if enough(lo):
@@ -90,6 +88,12 @@ def _smallest_mu(problem: ForceProblem, impact_time: float) -> Array | None:
     return read_only(base * (hi / base.max()))
 
 
+def proof_in_words(problem: ForceProblem, impact_time: float) -> str:
+    """Which forces are missing at one impact time [s], and which contacts and limits bind."""
+    program = feasibility(problem, *problem.normal_force_range(impact_time))
+    return "\n".join(_proof_words(problem, impact_time, prove(problem, program)))
+
+
 def _words(
     problem: ForceProblem,
     impact_time: float,
@@ -98,24 +102,57 @@ def _words(
     factors: tuple[float, float] | None,
     mu: Array | None,
 ) -> str:
+    if status is Status.OK:
+        lines = [f"the load can be held at t_I = {impact_time:.6g} s"]
+    else:
+        lines = _proof_words(problem, impact_time, proof)
+    if factors is None:
+        lines.append("  no multiple of this load was found that can be held")
+    elif np.isfinite(factors[1]):
+        text = f"  the largest load that could be held is {factors[1]:.4g} times this one"
+        lines.append(text + (f", the least {factors[0]:.4g} times" if factors[0] > 1e-6 else ""))
+    if mu is None:
+        lines.append(f"  no friction coefficient up to {LARGEST_FRICTION:g} was found that would do")
+    elif np.ptp(mu) <= 1e-12 * max(mu.max(), 1.0):
+        lines.append(
+            f"  the smallest friction coefficient that would do is {mu.max():.4g} (given: {problem.mu.max():.4g})"
+        )
+    else:
+        lines.append(f"  the friction coefficients that would just do are {np.round(mu, 4).tolist()}")
+    if status is not Status.OK:
+        lines += _limits_that_would_do(problem, impact_time)
+    return "\n".join(lines)
+
+
+def _limits_that_would_do(problem: ForceProblem, impact_time: float) -> list[str]:
+    """The limits of torques and normal forces that would do at one impact time, in words."""
+    setup = Setup(replace(problem, impact_time_range=(impact_time, impact_time)), None)
+
+    def does(other: Setup) -> bool:
+        low, high = other.problem.normal_force_range(impact_time)
+        return bool(np.all(low <= high)) and holds(feasibility(other.problem, low, high))
+
+    options = relaxations_of(setup, does, kinds=1) if not does(setup) else ()
+    return [f"  would do: {'; and '.join(one.words(setup) for one in option)}" for option in options]
+
+
+def _proof_words(problem: ForceProblem, impact_time: float, proof: Infeasibility | None) -> list[str]:
+    """What is missing, and who is at which limit."""
     names = problem.contacts.names
     lines: list[str] = []
-    if status is Status.OK:
-        lines.append(f"the load can be held at t_I = {impact_time:.6g} s")
-    elif proof is None:
+    if proof is None:
         lines.append(f"at t_I = {impact_time:.6g} s the load is too close to the limit to tell whether it can be held")
     elif np.any(proof.crossed):
         crossed = ", ".join(name for name, empty in zip(names, proof.crossed) if empty)
         low, high = problem.normal_force_range(impact_time)
         lines.append(
             f"no normal force is admissible at {crossed}: at least {low[proof.crossed].max():.4g} N (the least "
-            f"deceleration, or min_normal_force), at most {high[proof.crossed].min():.4g} N; raise the cap, or lower "
-            "acceleration_range, min_normal_force or the duration"
+            f"deceleration, or min_normal_force), at most {high[proof.crossed].min():.4g} N"
         )
     else:
         lines.append(
-            f"no admissible forces hold the load at t_I = {impact_time:.6g} s: at least {proof.margin:.4g} N of net "
-            f"wrench is left along {_wrench_words(problem, proof.direction)} (proven)"
+            f"no admissible forces hold the load at t_I = {impact_time:.6g} s: {proof.least_left()}, along "
+            f"{_wrench_words(problem, proof.direction)} (proven)"
         )
         for what, mask in (
             ("friction limit", proof.at_friction),
@@ -131,20 +168,7 @@ def _words(
             lines.append(f"  at the largest normal force, set by {reason}: {', '.join(who)}")
         if proof.at_torque:
             lines.append(f"  at the torque limit: {', '.join(proof.at_torque)}")
-    if factors is None:
-        lines.append("  no multiple of this load was found that can be held")
-    elif np.isfinite(factors[1]):
-        text = f"  the largest load that could be held is {factors[1]:.4g} times this one"
-        lines.append(text + (f", the least {factors[0]:.4g} times" if factors[0] > 1e-6 else ""))
-    if mu is None:
-        lines.append(f"  no friction coefficient up to {_LARGEST_FRICTION:g} was found that would do")
-    elif np.ptp(mu) <= 1e-12 * max(mu.max(), 1.0):
-        lines.append(
-            f"  the smallest friction coefficient that would do is {mu.max():.4g} (given: {problem.mu.max():.4g})"
-        )
-    else:
-        lines.append(f"  the friction coefficients that would just do are {np.round(mu, 4).tolist()}")
-    return "\n".join(lines)
+    return lines
 
 
 def _wrench_words(problem: ForceProblem, direction: Array) -> str:

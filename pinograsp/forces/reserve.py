@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -239,7 +239,7 @@ def search_reserve(
             return found
     first = np.linspace(early, late, 4).tolist() if late > early else [early]
     if min([cost(t) for t in first]) == np.inf:
-        bounds = _widest(kept)
+        bounds = widest_range(kept)
         none = robust_at(kept, loads, early, weights, reaction="elastic", bounds=bounds)
         if none.status is Status.OK:
             none = replace(tried[early], status=Status.INACCURATE)
@@ -276,7 +276,7 @@ def least_squeeze(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | 
     share = 1.0 / problem.compliance.exponent
     fixed = np.asarray(made @ (share * np.eye(problem.k) + (1.0 - share) / problem.k)), np.zeros(len(made))
     weights = robust_weights("peak", problem)
-    early, bounds = problem.impact_time_range[0], _widest(kept)
+    early, bounds = problem.impact_time_range[0], widest_range(kept)
     found = robust_at(kept, loads, early, weights, reaction="elastic", bounds=bounds, fixed=fixed, proven=False)
     return found.normal_forces if found.status is Status.OK else None
 
@@ -392,34 +392,12 @@ def reserve_along(
     return replace(found, tried=tried, elapsed=time.perf_counter() - began)
 
 
-def parts_in_the_way(problem: ForceProblem, reserve: Reserve, *, objective: Objective | None = None) -> tuple[str, ...]:
-    """Names of the parts of a reserve without which, one at a time, a squeeze is found where there is none with all."""
-    instance_of("problem", problem, ForceProblem)
-    instance_of("reserve", reserve, Reserve)
-    found = []
-    for part, value in asdict(reserve).items():
-        # The programs that are tried here have contacts as stiff as assumed.
-        if part in ("softer", "stiffer") or value == 0 or (part == "moment_arm" and reserve.disturbance == 0):
-            continue
-        found += [part] if _holds(problem, replace(reserve, **{part: 0.0}), objective) else []
-    return tuple(found)
-
-
-def _holds(problem: ForceProblem, reserve: Reserve, objective: Objective | None) -> bool:
-    """Whether a squeeze is found at the earliest, the latest or an impact time between."""
-    weights = robust_weights(objective, problem)
-    loads, kept = _kept_back(problem, reserve)
-    early, late = problem.impact_time_range
-    times = (early, (early + late) / 2, late)
-    return any(robust_at(kept, loads, t, weights, reaction="elastic", proven=False).status is Status.OK for t in times)
-
-
 def _kept_back(problem: ForceProblem, reserve: Reserve) -> tuple[LoadSet, ForceProblem]:
     """The loads of a reserve, and the problem with what it keeps back."""
     return reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
 
 
-def _widest(kept: ForceProblem) -> tuple[Array, Array]:
+def widest_range(kept: ForceProblem) -> tuple[Array, Array]:
     """All that any impact time allows of F_n: the least lower bound, of the latest one, to the largest upper bound."""
     early, late = kept.impact_time_range
     return kept.normal_force_range(late)[0], kept.normal_force_range(early)[1]

@@ -165,8 +165,8 @@ class RobustForces:
             )
         if self.status is Status.INFEASIBLE:
             return (
-                f"no common normal forces hold all of {loads}; no single load is proven to be infeasible: "
-                f"{self.status.remedy}"
+                f"no common normal forces hold all of {loads} (proven), though no single load is proven to be "
+                "infeasible: make the set smaller, or diagnose() its loads"
             )
         return f"neither forces for {loads} nor a proof that there are none: {self.status.remedy}"
 

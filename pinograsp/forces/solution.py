@@ -94,8 +94,7 @@ class ForceSolution:
 
     def __str__(self) -> str:
         if not self.found:
-            why = f"least left over {self.residual_force:.3g} N, {self.residual_moment:.3g} N m"
-            return lines_of(f"{self.status}: no contact forces; {self.status.remedy}", why, *self._proven())
+            return lines_of(f"{self.status}: no contact forces; {self.status.remedy}", *self._proven())
         names, forces = self.problem.contacts.names, self.normal_forces.tolist()
         tangential = np.linalg.norm(self.forces_c[:, :2], axis=1)
         limit = self.problem.mu * self.normal_forces
@@ -264,13 +263,19 @@ class GridSolution(ForceSolution):
                 "with multipliers off the grid some cells do balance: refine the multiplier grid or use search='hybrid'"
             )
         force, moment = self.residual[:3], self.residual[3:]
-        text = f"closest to balance: {np.linalg.norm(force):.3g} N left, along {np.round(force, 3).tolist()} N"
+        text = f"closest to balance: {np.linalg.norm(force):.3g} N left, along {_rounded(force, 3)} N"
         if self.problem.balance == "wrench":
-            text += f", and {np.linalg.norm(moment):.3g} N m, along {np.round(moment, 5).tolist()} N m"
+            text += f", and {np.linalg.norm(moment):.3g} N m, along {_rounded(moment, 5)} N m"
         return text
 
     def _closest_residual(self) -> Array:
         return self.grid.closest
+
+
+def _rounded(values: Array, decimals: int) -> list[float]:
+    """Without negative zeros."""
+    found: list[float] = (np.round(values, decimals) + 0.0).tolist()
+    return found
 
 
 def solution_of(

@@ -21,6 +21,7 @@ from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.jacobian import point_jacobian
 from pinograsp.motion.planar import REACHED, Sampling, closed_form, link_direction, link_vector, planar_finger
 from pinograsp.spatial import Array
+from pinograsp.words import fixed
 
 MOST_SAMPLES = 10_000  # postures of a redundant joint
 _LIMIT_SLACK = 1e-9  # [rad] a limit met exactly must survive rounding
@@ -170,8 +171,12 @@ def _beyond_limits(finger: Finger, angles: Sequence[Array], lower: Array, upper:
     """Which joints are beyond their limits, in the solution (n_f,) that is nearest to them."""
     beyond = [np.maximum(np.maximum(lower - q, q - upper), 0.0) for q in angles]
     nearest = angles[min(range(len(angles)), key=lambda i: (np.sum(beyond[i] > _LIMIT_SLACK), beyond[i].max()))]
+
+    def degrees(angle: float) -> str:
+        return fixed(math.degrees(angle), 1)
+
     over = [
-        f"{joint} at {math.degrees(q):.1f} deg, limits {math.degrees(low):.1f}..{math.degrees(high):.1f}"
+        f"{joint} at {degrees(q)} deg, limits {degrees(low)}..{degrees(high)}"
         for joint, q, low, high in zip(finger.actuated, nearest, lower, upper)
         if q < low - _LIMIT_SLACK or q > high + _LIMIT_SLACK
     ]

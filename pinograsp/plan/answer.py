@@ -13,7 +13,40 @@ from pinograsp.errors import Status
 from pinograsp.plan.parts import WEAK, PlanFriction, PlanMargins, PlanReserve
 from pinograsp.plan.record import PlanRecord
 from pinograsp.plan.simulation import Simulation
-from pinograsp.words import number, printable
+from pinograsp.words import fixed, number, printable
+
+Level = Literal["yes", "caution", "no"]
+AnswerWord = Literal[
+    "Yes",
+    "Yes, with cautions",
+    "Barely",
+    "Almost",
+    "Not certain",
+    "Not with what it was tried with",
+    "No",
+    "The plan is not complete",
+    "No grasp",
+]
+
+# Every answer of :func:`does_it_hold`, by its first words, and what it means.
+ANSWERS: dict[AnswerWord, str] = {
+    "Yes": "forces and moments are in balance with the load, nothing speaks against the plan, and it was held where it "
+    "was simulated",
+    "Yes, with cautions": "the same, but the plan has cautions: what its promise does not cover, each in words",
+    "Barely": f"the load is held, but in some direction less than {100 * WEAK:g} % of the weight besides it is too "
+    "much: plan with a reserve",
+    "Almost": "forces balance the load but for a small rest, which the answer gives in newtons: a grid search with the "
+    "paper's net-force limit (status unbalanced)",
+    "Not certain": "forces hold the load, but whether the hand brings them about, or keeps the object, is not sure: "
+    "fingers cannot follow their paths (not_tracked), forces act on edges or the object gives way far (doubtful), or "
+    "moments are not balanced; the answer says which",
+    "Not with what it was tried with": "lost in a simulation with disturbances or other differences from the plan, "
+    "which says nothing of the plan without them",
+    "No": "lost in a simulation of the plan as it is; the reason follows",
+    "The plan is not complete": "there are forces, but no whole motion, or the search was stopped: the status and its "
+    "remedy follow",
+    "No grasp": "the search ended without forces, and the folder has the proof, or what is known instead",
+}
 
 _GRAVITY = 9.80665  # [m/s^2]: one g
 _LOAD = "the contact forces hold the load"
@@ -29,7 +62,7 @@ class Answer:
         text: in words, the answer first.
     """
 
-    level: Literal["yes", "caution", "no"]
+    level: Level
     text: str
 
 
@@ -43,29 +76,39 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
     if simulation is not None and not simulation.verdict.held:
         reason = printable(simulation.verdict.reason, 400)
         if simulation.disturbance:
-            text = f"Not with what it was tried with: lost in simulation under disturbances; {reason}."
-            return Answer("caution", text)
-        return Answer("no", f"No. Lost in simulation: {reason}.")
+            lost = f": lost in simulation under disturbances; {reason}."
+            return _answer("caution", "Not with what it was tried with", lost)
+        return _answer("no", "No", f". Lost in simulation: {reason}.")
     tried = f" {_seen(plan)}" if simulation is None else " Held in simulation."
     if status is Status.NOT_TRACKED:
-        text = f"Not certain: {_LOAD}, but the hand cannot follow their paths. {plan.remedy.rstrip('.')}.{tried}"
-        return Answer("caution", text)
+        far = f": {_LOAD}, but the hand cannot follow their paths. {plan.remedy.rstrip('.')}.{tried}"
+        return _answer("caution", "Not certain", far)
     if status is Status.DOUBTFUL:
-        return Answer("caution", f"Not certain: {_LOAD}, but {plan.remedy}.{tried}")
+        return _answer("caution", "Not certain", f": {_LOAD}, but {plan.remedy}.{tried}")
     if status is Status.UNBALANCED:
         left = f"{number(plan.forces.residual_force, 3)} N and {number(plan.forces.residual_moment, 3)} N m"
-        return Answer("caution", f"Almost: {_LOAD} but for {left}.{tried}")
+        return _answer("caution", "Almost", f": {_LOAD} but for {left}.{tried}")
     if status is not Status.OK:
-        text = f"The plan is not complete ({status}): {plan.remedy}"
-        return Answer("no", text) if simulation is None else Answer("caution", f"{text}{tried}")
+        level: Level = "no" if simulation is None else "caution"
+        shown = "" if simulation is None else tried
+        return _answer(level, "The plan is not complete", f" ({status}): {plan.remedy}{shown}")
     if plan.balance == "force":
-        text = f"Not certain: moments are not balanced, a free object turns. Forces alone: {_LOAD}.{tried}"
-        return Answer("caution", text)
+        turns = f": moments are not balanced, a free object turns. Forces alone: {_LOAD}.{tried}"
+        return _answer("caution", "Not certain", turns)
     if plan.margins is not None and plan.margins.spares_nothing(plan.weight):
-        return Answer("caution", f"Barely: {_LOAD}, and less than {100 * WEAK:g} % of the weight besides.{tried}")
+        return _answer("caution", "Barely", f": {_LOAD}, and less than {100 * WEAK:g} % of the weight besides.{tried}")
     if plan.cautions:
-        return Answer("caution", f"Yes, with cautions: {_LOAD}, forces and moments in balance.{tried}")
-    return Answer("yes", f"Yes. {_LOAD[0].upper()}{_LOAD[1:]}, forces and moments in balance.{tried}")
+        return _answer("caution", "Yes, with cautions", f": {_LOAD}, forces and moments in balance.{tried}")
+    return _answer("yes", "Yes", f". {_LOAD[0].upper()}{_LOAD[1:]}, forces and moments in balance.{tried}")
+
+
+def _answer(level: Level, word: AnswerWord, text: str) -> Answer:
+    return Answer(level, f"{word}{text}")
+
+
+def no_grasp(status: Status) -> Answer:
+    """The answer where there is no plan."""
+    return _answer("no", "No grasp", f" ({status}).")
 
 
 def _seen(plan: PlanRecord) -> str:
@@ -79,13 +122,10 @@ def where_the_hand_is(plan: PlanRecord) -> str:
     placed = plan.hand_in_object
     if placed is None:
         return ""
-    (x, y, z), R = 1e3 * placed[:3, 3], placed[:3, :3]
+    shift, R = 1e3 * placed[:3, 3], placed[:3, :3]
     angles = (np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(np.clip(R[2, 0], -1.0, 1.0)), np.arctan2(R[1, 0], R[0, 0]))
-    roll, pitch, yaw = np.degrees(angles)
-    return (
-        f"root at {x:.1f}, {y:.1f}, {z:.1f} mm, roll, pitch, yaw {roll:.1f}, {pitch:.1f}, {yaw:.1f} deg in the "
-        "object's frame (its file's)"
-    )
+    at, turned = (", ".join(fixed(value, 1) for value in values) for values in (shift, np.degrees(angles)))
+    return f"root at {at} mm, roll, pitch, yaw {turned} deg in the object's frame (its file's)"
 
 
 def friction_model(friction: PlanFriction) -> str:

@@ -11,14 +11,14 @@ from pinograsp.checks import flag, instance_of
 from pinograsp.contacts import Closure
 from pinograsp.contacts.doubt import doubtful_share
 from pinograsp.contacts.quality import past_edges
-from pinograsp.errors import NoGrasp, SimulationDiverged, Status
+from pinograsp.errors import GraspInfeasible, GraspUndecided, NoGrasp, SearchFailed, SimulationDiverged, Status
 from pinograsp.forces import BackendName, GraspConditions, Objective
 from pinograsp.hands import servo_gains
 from pinograsp.plan.answer import SIMULATED
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
-from pinograsp.planner.planning import Search, plan_grasp_on
+from pinograsp.planner.planning import GraspTask, Search, task_on
 from pinograsp.referee import Disturbance, simulate
 from pinograsp.referee.simulate import EngineName
 from pinograsp.synthesis import GraspSearch
@@ -71,22 +71,23 @@ def plan_best(
     flag("check", check)
     best: GraspPlan | None = None
     fewest = 0
-    failure: NoGrasp | None = None
     tried = 0
+    refused: list[tuple[NoGrasp, GraspTask]] = []
     for grasp in found.grasps or (found.best,):
         closure = grasp.closure
+        task = task_on(
+            closure.hand,
+            closure,
+            conditions,
+            search=search,
+            solver=solver,
+            objective=objective,
+            progress=progress,
+        )
         try:
-            plan = plan_grasp_on(
-                closure.hand,
-                closure,
-                conditions,
-                search=search,
-                solver=solver,
-                objective=objective,
-                progress=progress,
-            )
+            plan = task.attempt()
         except NoGrasp as error:
-            failure = failure or error
+            refused.append((error, task))
             continue
         faults = _faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
         if check and plan.status is Status.OK:
@@ -104,10 +105,40 @@ def plan_best(
             best = replace(best, notes=(*best.notes, "no plan is ok: another seed, or more samples, may find one"))
             best = _checked(best)[0] if check else best
         return best
-    raise failure or NoGrasp("no grasp of the search could be planned")
+    near = [
+        task_on(one.closure.hand, one.closure, conditions, search=search, solver=solver, objective=objective)
+        for one in found.near
+    ]
+    raise _refusal(refused, near)
 
 
 _MOST_FAULTS = 6
+
+
+def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) -> NoGrasp:
+    """What came of grasps none of which could be planned: a failure, with what would do.
+
+    It is that of the best grasp; or, where one of wider conditions fails under the given ones, too, of that one.
+    """
+    error, task = refused[0]
+    for other in near:
+        try:
+            other.attempt()
+        except SearchFailed as failure:
+            error, task = failure, other
+            break
+        except NoGrasp:
+            continue
+    if not isinstance(error, SearchFailed):
+        return error
+    told = task.advised(error)
+    if len(refused) == 1:
+        return told
+    proven = sum(isinstance(one, GraspInfeasible) for one, _ in refused)
+    how = "proven for each of them" if proven == len(refused) else f"proven for {proven} of them"
+    lead = f"none of the {len(refused)} grasps that were found can be planned ({how}). Of the nearest one:"
+    kind = type(told) if proven in (0, len(refused)) else GraspUndecided
+    return kind(f"{lead} {told}", told.solution, remedy=told.remedy)
 
 
 def _checked(plan: GraspPlan) -> tuple[GraspPlan, bool]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Literal, TypeVar, get_args
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
 import numpy as np
 
 from pinograsp.checks import instance_of, one_of
 from pinograsp.contacts import Closure, close_hand
 from pinograsp.contacts.support_plane import SupportPlane
-from pinograsp.errors import GraspInfeasible, GraspUndecided, InvalidInput, SearchInterrupted, Status
+from pinograsp.errors import GraspUndecided, InvalidInput, SearchFailed, Status
 from pinograsp.forces import (
     SEARCHES,
     BackendName,
@@ -20,23 +20,21 @@ from pinograsp.forces import (
     ForceProblem,
     ForceSolution,
     GraspConditions,
-    GridSolution,
     GridSpec,
     Objective,
     Reserve,
     RobustForces,
     StiffnessScenario,
     TorqueLimit,
-    diagnose,
     grid_search,
     optimize_grasp,
-    parts_in_the_way,
     producible_reserve,
     qp_solvers,
     reserve_along,
     search_reserve,
 )
-from pinograsp.hands import HandModel, servo_gains
+from pinograsp.forces.relaxation import Setup
+from pinograsp.hands import HandModel
 from pinograsp.motion import (
     MotionSpec,
     PressingTogether,
@@ -52,6 +50,17 @@ from pinograsp.plan import Motion, PlanReserve
 from pinograsp.planner.assemble import assembled, reserve_of
 from pinograsp.planner.compliance import scenarios_of
 from pinograsp.planner.grasp_plan import GraspPlan
+from pinograsp.planner.refusals import (
+    freed,
+    no_forces,
+    not_made,
+    proof,
+    refuse_failure,
+    refuse_no_squeeze,
+    rejections,
+    underactuated,
+    with_advice,
+)
 from pinograsp.spatial import Array
 
 Search = Literal["convex", "hybrid", "paper", "paper+qp"]
@@ -129,7 +138,7 @@ def plan_grasp(
     instance_of("problem", problem, ForceProblem)
     choices = _Choices(search=search, grid=grid, solver=solver, objective=objective, motion=motion, progress=progress)
     limit = None if torque_limit is None else effort_of(hand, torque_limit)
-    return _planned(hand, problem, choices, limit, None, {}, None)
+    return GraspTask(hand=hand, setup=Setup(problem, None, limit), choices=choices).planned()
 
 
 # As above; mu, friction and limits come with the conditions.
@@ -165,6 +174,33 @@ def plan_grasp_on(
     Raises:
         InvalidInput: another hand than the closure's, or a hand that touches nothing. Others as for :func:`plan_grasp`.
     """
+    task = task_on(
+        hand,
+        body,
+        conditions,
+        search=search,
+        grid=grid,
+        solver=solver,
+        objective=objective,
+        motion=motion,
+        progress=progress,
+    )
+    return task.planned()
+
+
+def task_on(
+    hand: HandModel,
+    body: Body | Closure,
+    conditions: GraspConditions,
+    *,
+    search: Search = "convex",
+    grid: GridSpec | None = None,
+    solver: BackendName = "auto",
+    objective: Objective | None = None,
+    motion: MotionSpec | None = None,
+    progress: bool | None = None,
+) -> GraspTask:
+    """What :func:`plan_grasp_on` plans, with its arguments."""
     started = time.perf_counter()
     instance_of("hand", hand, HandModel)
     instance_of("body", body, Body, Closure)
@@ -183,8 +219,13 @@ def plan_grasp_on(
     choices = _Choices(search=search, grid=grid, solver=solver, objective=objective, motion=motion, progress=progress)
     problem = conditions.problem(held, closure.contacts())
     limit = None if conditions.torque_limit is None else effort_of(hand, conditions.torque_limit)
-    elapsed = {"closing": time.perf_counter() - started}
-    return _planned(closure.hand, problem, choices, limit, conditions.reserve, elapsed, closure)
+    return GraspTask(
+        hand=closure.hand,
+        setup=Setup(problem, conditions.reserve, limit),
+        choices=choices,
+        elapsed={"closing": time.perf_counter() - started},
+        closure=closure,
+    )
 
 
 def _same(one: HandModel, other: HandModel) -> bool:
@@ -194,39 +235,79 @@ def _same(one: HandModel, other: HandModel) -> bool:
     )
 
 
-def _planned(
-    hand: HandModel,
-    problem: ForceProblem,
-    choices: _Choices,
-    limit: Array | None,
-    reserve: Reserve | None,
-    elapsed: dict[str, float],
-    closure: Closure | None,
-) -> GraspPlan:
-    """Forces, then motion; ``limit``: of the holding torques (n,) [N m], infinity: none."""
-    kept = None
-    if reserve is not None:
-        if choices.search != "convex" or choices.solver not in ("auto", "clarabel"):
-            raise InvalidInput(
-                f"reserve: expected none (GraspConditions(reserve=None)) with search='{choices.search}' and "
-                f"solver='{choices.solver}': a squeeze for several loads is convex, its solver is clarabel"
-            )
-        forces, motion, spent, kept = _by_reserve(hand, problem, choices, limit, reserve)
-    elif choices.search != "convex":
-        if choices.objective is not None or limit is not None:
-            raise InvalidInput(
-                f"objective, torque limit: expected none with search='{choices.search}', the grids know neither"
-            )
-        forces, motion, spent = _by_grid(hand, problem, choices)
-    else:
-        forces, motion, spent = _by_optimum(hand, problem, choices, limit)
-    notes: tuple[str, ...] = ()
-    if limit is not None and not np.isfinite(limit).any():
-        notes = (f"no joint of '{hand.name}' has an effort limit: torques are not limited",)
-    return assembled(hand, forces, motion, elapsed={**elapsed, **spent}, closure=closure, reserve=kept, notes=notes)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GraspTask:
+    """What is to be planned, and how.
+
+    Attributes:
+        hand: placed in the world.
+        setup: the forces' problem, the reserve, and the limit of the holding torques (n,) [N m], infinity: none.
+        choices: how to search.
+        elapsed: of the stages before [s].
+        closure: the hand closed on the object; None: contacts were given.
+    """
+
+    hand: HandModel
+    setup: Setup
+    choices: _Choices
+    elapsed: Mapping[str, float] = field(default_factory=dict)
+    closure: Closure | None = None
+
+    def planned(self) -> GraspPlan:
+        """The plan; :class:`SearchFailed` says what would do, see :meth:`advised`."""
+        try:
+            return self.attempt()
+        except SearchFailed as error:
+            raise self.advised(error) from None
+
+    def advised(self, error: SearchFailed) -> SearchFailed:
+        """What an attempt ended in, with what would do."""
+        quiet = replace(self.choices, progress=False)
+        return with_advice(
+            error, self.hand, self.setup, lambda other: replace(self._with(other), choices=quiet).attempt()
+        )
+
+    def _with(self, setup: Setup) -> GraspTask:
+        """The same task with another problem or reserve."""
+        body, closure = setup.problem.object, self.closure
+        if closure is not None and body is not None and body is not closure.object:
+            closure = replace(closure, object=body)
+        return replace(self, setup=setup, closure=closure)
+
+    def attempt(self) -> GraspPlan:
+        """Forces, then motion."""
+        hand, choices = self.hand, self.choices
+        problem, reserve, limit = self.setup
+        kept = None
+        if reserve is not None:
+            if choices.search != "convex" or choices.solver not in ("auto", "clarabel"):
+                raise InvalidInput(
+                    f"reserve: expected none (GraspConditions(reserve=None)) with search='{choices.search}' and "
+                    f"solver='{choices.solver}': a squeeze for several loads is convex, its solver is clarabel"
+                )
+            forces, motion, spent, kept = _by_reserve(hand, problem, choices, limit, reserve)
+        elif choices.search != "convex":
+            if choices.objective is not None or limit is not None:
+                raise InvalidInput(
+                    f"objective, torque limit: expected none with search='{choices.search}', the grids know neither"
+                )
+            forces, motion, spent = _by_grid(hand, problem, choices)
+        else:
+            forces, motion, spent = _by_optimum(hand, problem, choices, limit)
+        notes: tuple[str, ...] = ()
+        if limit is not None and not np.isfinite(limit).any():
+            notes = (f"no joint of '{hand.name}' has an effort limit: torques are not limited",)
+        return assembled(
+            hand,
+            forces,
+            motion,
+            elapsed={**self.elapsed, **spent},
+            closure=self.closure,
+            reserve=kept,
+            notes=notes,
+        )
 
 
-_Solution = TypeVar("_Solution", bound=ForceSolution)
 Stages = tuple[ForceSolution, Motion, dict[str, float]]
 
 
@@ -235,7 +316,7 @@ def _by_grid(hand: HandModel, problem: ForceProblem, choices: _Choices) -> Stage
     solver = one_of("solver of a grid", "daqp" if choices.solver == "auto" else choices.solver, qp_solvers())
     kind = one_of("search", choices.search, SEARCHES)
     forces = grid_search(problem, choices.grid, search=kind, solver=solver, progress=choices.progress)
-    _refuse_failure(forces, _rejections)
+    refuse_failure(forces, rejections)
     found = time.perf_counter()
     motion = plan_motion(hand, forces, choices.motion)
     return forces, motion, {"forces": found - started, "motion": time.perf_counter() - found}
@@ -255,7 +336,7 @@ def _by_optimum(hand: HandModel, problem: ForceProblem, choices: _Choices, limit
     for _ in range(_TORQUE_ROUNDS):
         started = time.perf_counter()
         forces = optimize_grasp(searched, objective=objective, backend=choices.solver, progress=choices.progress)
-        _refuse_failure(forces, _diagnosis)
+        refuse_failure(forces, proof)
         found = time.perf_counter()
         motion = plan_motion(hand, forces, choices.motion)
         spent["forces"] += found - started
@@ -293,10 +374,10 @@ def _by_reserve(
         started = time.perf_counter()
         squeeze = search_reserve(searched, reserve, objective=choices.objective, start=start)
         tried += squeeze.tried
-        _refuse_no_squeeze(squeeze, searched, reserve, choices.objective)
+        refuse_no_squeeze(squeeze, searched, reserve, choices.objective)
         least = squeeze.certificate.lower_bound if squeeze.certificate is not None else 0.0
-        if _underactuated(searched):
-            any_hand = search_reserve(_freed(searched), reserve, objective=choices.objective)
+        if underactuated(searched):
+            any_hand = search_reserve(freed(searched), reserve, objective=choices.objective)
             least = any_hand.certificate.lower_bound if any_hand.certificate is not None else 0.0
         rows = np.zeros((0, problem.k)) if together is None else together.rows
         if len(rows) or reserve.stiffness_factors:
@@ -306,7 +387,7 @@ def _by_reserve(
             )
             tried += squeeze.tried
             if squeeze.status is not Status.OK:
-                raise GraspUndecided(_not_made(hand, searched, reserve, together), _no_forces(squeeze))
+                raise GraspUndecided(not_made(hand, searched, reserve, together), no_forces(squeeze, searched))
         forces = squeeze.under(problem.load)
         found = time.perf_counter()
         motion = plan_motion(hand, forces, choices.motion, corrected=not reserve.stiffness_factors)
@@ -384,115 +465,3 @@ def _on_other_contacts(
         return None
     q = instance_of("posture of the contacts", posture, np.ndarray)
     return lambda solution: scenarios_of(hand, solution, q, factors)
-
-
-def _underactuated(problem: ForceProblem) -> tuple[str, ...]:
-    """What is in the way of joint torques that could be chosen one by one, in words."""
-    under = None if problem.torques is None else problem.torques.underactuation
-    return () if under is None else tuple(dict.fromkeys(under.why))
-
-
-def _freed(problem: ForceProblem, why: str | None = None) -> ForceProblem:
-    """The problem without the equations of an underactuated hand, or without those of one drive."""
-    torques = problem.torques
-    if torques is None or torques.underactuation is None:
-        return problem
-    under = torques.underactuation
-    left = [i for i, own in enumerate(under.why) if why is not None and own != why]
-    kept = replace(under, rows=under.rows[left], torques=under.torques[left], why=tuple(under.why[i] for i in left))
-    return replace(problem, torques=replace(torques, underactuation=kept if left else None))
-
-
-def _drives_in_the_way(problem: ForceProblem, holds: Callable[[ForceProblem], bool]) -> str:
-    """What the hand's drives have to do with it that no forces are found, "" where it is not their fault."""
-    reasons = _underactuated(problem)
-    if not reasons or not holds(_freed(problem)):
-        return ""
-    alone = [why for why in reasons if holds(_freed(problem, why))]
-    which = f"in the way: {'; or '.join(alone)}" if alone else f"in the way together: {'; '.join(reasons)}"
-    return (
-        "no grasp found that this hand can make: forces hold the object, but its drives cannot make the joint torques "
-        f"that go with them ({which}); take another grasp, or another drive"
-    )
-
-
-def _refuse_no_squeeze(
-    squeeze: RobustForces, problem: ForceProblem, reserve: Reserve, objective: Objective | None
-) -> None:
-    """Raise what came of a search without a squeeze, with the parts of the reserve that are in the way."""
-    if squeeze.status is Status.OK:
-        return
-    none = _no_forces(squeeze)
-
-    def bears(other: ForceProblem) -> bool:
-        return search_reserve(other, reserve, objective=objective).status is Status.OK
-
-    if not_made := _drives_in_the_way(problem, bears):
-        raise GraspInfeasible(not_made, none) if squeeze.status is Status.INFEASIBLE else GraspUndecided(not_made, none)
-    parts = parts_in_the_way(problem, reserve, objective=objective)
-    options = " or ".join(f"Reserve({part}=0)" for part in parts)
-    why = f"in the way: {', '.join(parts)}; without one of these there is a grasp: {options}, or a smaller share"
-    if squeeze.status is not Status.INFEASIBLE:
-        text = f"no grasp found, though none is ruled out ({none.status}). {none.status.remedy}"
-        raise GraspUndecided(f"{text}\n{why}" if parts else text, none)
-    if not parts:
-        bare = optimize_grasp(problem, objective=objective, progress=False)
-        _refuse_failure(bare, _diagnosis)
-        why = "the weight alone can be held, and no part of the reserve is in the way alone: ask for less of several"
-    raise GraspInfeasible(f"no grasp holds the object with its reserve (proven at every impact time)\n{why}", none)
-
-
-def _no_forces(squeeze: RobustForces) -> ConvexSolution:
-    """The record of a squeeze that was not found."""
-    return ConvexSolution(
-        status=squeeze.status,
-        problem=squeeze.problem,
-        search="robust",
-        backend="clarabel",
-        impact_time=None,
-        forces_c=np.zeros((0, 3)),
-        elapsed=squeeze.elapsed,
-        weights=squeeze.weights,
-        infeasibility=squeeze.infeasibility,
-    )
-
-
-def _not_made(hand: HandModel, problem: ForceProblem, reserve: Reserve, together: PressingTogether | None) -> str:
-    """Why the hand cannot make the forces that would hold the object."""
-    if reserve.stiffness_factors:
-        gains = servo_gains(hand)
-        return (
-            "no grasp found that holds on contacts as soft and as stiff as the reserve has them (softer="
-            f"{reserve.softer:g}, stiffer={reserve.stiffer:g}), though forces hold the object on those assumed: what "
-            f"servos of {gains.min():.3g} to {gains.max():.3g} N m/rad (sliding joints: N/m) make of them there does "
-            "not; give the hand softer servos (drives=), take another grasp, or ask for less reserve"
-        )
-    moves = np.zeros((0, hand.n)) if together is None else together.moves
-    driving = [name for name, column in zip(hand.joint_names, moves.T) if np.any(column)]
-    return (
-        "no grasp found that this hand can make: forces hold the object with its reserve, but "
-        f"{', '.join(driving)} press {problem.k} contacts together, and none of the depths that they can give do; "
-        "take another grasp, or ask for less reserve"
-    )
-
-
-def _refuse_failure(forces: _Solution, why: Callable[[_Solution], str]) -> None:
-    """Raise what came of a search without forces; ``why``: what it has to say for itself."""
-    if forces.found and forces.status is not Status.INACCURATE:
-        return
-    if forces.status is Status.INFEASIBLE:
-        raise GraspInfeasible(why(forces), forces)
-    kind = SearchInterrupted if forces.status is Status.INTERRUPTED else GraspUndecided
-    raise kind(f"no grasp found, though none is ruled out ({forces.status}). {forces.status.remedy}", forces)
-
-
-def _rejections(forces: GridSolution) -> str:
-    return f"no grasp found ({forces.status}). {forces.status.remedy}\n{forces.explain()}"
-
-
-def _diagnosis(forces: ForceSolution) -> str:
-    """At the impact time that admits the largest forces."""
-    earliest = forces.problem.impact_time_range[0]
-    if not_made := _drives_in_the_way(forces.problem, lambda other: optimize_grasp(other, progress=False).found):
-        return not_made
-    return f"no grasp: every impact time is proven infeasible\n{diagnose(forces.problem, earliest)}"

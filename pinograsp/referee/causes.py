@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from pinograsp.forces import Reserve
 from pinograsp.referee.sample import History
 from pinograsp.referee.settings import Disturbance, Servo
 from pinograsp.referee.task import Task
@@ -17,6 +18,7 @@ _MOST = 3  # causes told
 _LASTING = 0.02  # [s] at its limit: shorter is no cause
 _WEAK, _STRONG = 0.8, 1.25  # simulated over planned normal forces that are told
 _YIELDED = 2.0, 1e-3  # [deg], [m] of a joint after the grasp is complete: the hand gives way
+_FIRMER = 1.2  # times the pushes: an object that is shaken swings beyond
 _TOUCHING = 0.01  # share of the planned force below which a contact is open
 
 
@@ -163,8 +165,23 @@ def _remedies(
     elif servo is not None and any(event.kind == "joint" for event in events):
         remedies.append("stiffer servos, higher kp: they keep the fingers in place")
     if any(event.kind in ("slipped", "opened") for event in events) or not remedies:
-        parts = ["disturbance=1"]
-        parts += ["mass=0.4"] if disturbance.mass_factor != 1.0 else []
-        parts += ["friction=0.4"] if disturbance.mu is not None and disturbance.mu < task.mu.min() else []
-        remedies.append(f"more squeeze: plan with --reserve {','.join(parts)} (Reserve({', '.join(parts)}))")
+        remedies.append(_planned_for(task, disturbance))
     return remedies
+
+
+def _planned_for(task: Task, disturbance: Disturbance) -> str:
+    """A plan for the mass and the friction that there were, with a reserve for the pushes and the shaking."""
+    body, factor, mu = task.body, disturbance.mass_factor, disturbance.mu
+    mass = factor * body.mass
+    changes = [f"mass={mass:.3g} kg, not {body.mass:.3g} kg"] if factor != 1.0 else []
+    changes += [f"mu={mu:.3g}, not {task.mu.min():.3g}"] if mu is not None and mu < task.mu.min() else []
+    arm = Reserve().arm(body)
+    forces = [np.linalg.norm(one.wrench_o[:3]) + np.linalg.norm(one.wrench_o[3:]) / arm for one in disturbance.pushes]
+    carried = 0.0 if disturbance.base_motion is None else np.abs(disturbance.base_motion.accelerations).max(initial=0.0)
+    force = max(forces, default=0.0) + mass * float(np.linalg.norm(disturbance.shake) + carried)
+    weight = mass * float(np.linalg.norm(task.gravity_o))
+    share = max(1.0, np.ceil(10 * _FIRMER * force / weight) / 10) if weight > 0 else 1.0
+    remedies = [f"a plan for what there was: {', '.join(changes)}"] if changes else []
+    if force > 0 or not changes:
+        remedies.append(f"more squeeze: plan with --reserve disturbance={share:g} (Reserve(disturbance={share:g}))")
+    return "; and ".join(remedies)

@@ -9,10 +9,12 @@ long as that improves them, and closed with the exact geometry in the end.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import pickle
 import tempfile
 import traceback
+from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,12 +41,14 @@ from pinograsp.motion import effort_of
 from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.synthesis.found import SOUND, FoundGrasp
+from pinograsp.synthesis.near import what_would_do, wider_conditions
 from pinograsp.synthesis.samples import Batch, SearchCase, batch_of, case_of
 from pinograsp.synthesis.seeds import Region
 from pinograsp.writing import write_errors
 
 _MOST = 100_000  # samples
 _ROUNDS = 4  # times ``count`` samples are tried, as long as no grasp is sound
+_NEAR = 2  # grasps of wider conditions that are kept
 _BATCH = 4  # samples, of which the best is refined
 _TOO_LARGE, _TOO_SMALL = 10.0, 100.0  # times: such an object was drawn in other units; walls may be thin
 
@@ -62,6 +66,9 @@ class GraspSearch:
         interrupted: whether it was stopped (Ctrl-C): the grasps are those found until then.
         remarks: what in the hand's description may be in the way: more than a hand in the file, finger joints that
             neither a motor nor a spring moves.
+        near: where no grasp withstands the reserve, the best of those that do without the limits of forces and torques,
+            or with more friction besides: they show what is in the way.
+        advice: lines of what would let forces hold the first of these, reserve included; each was tried.
     """
 
     grasps: tuple[FoundGrasp, ...]
@@ -71,6 +78,8 @@ class GraspSearch:
     width: float
     interrupted: bool
     remarks: tuple[str, ...] = ()
+    near: tuple[FoundGrasp, ...] = ()
+    advice: tuple[str, ...] = ()
 
     __repr__ = brief()
     _repr_html_ = in_notebook
@@ -87,10 +96,15 @@ class GraspSearch:
 
     def explain(self) -> str:
         """What came of it in words: how many samples ended how, and what to do where none holds."""
-        counts = ", ".join(f"{count} {what}" for what, count in self.outcomes.items())
+        counts = "; ".join(f"{_SAID.get(what, what)}: {count}" for what, count in self.outcomes.items())
+        samples = _counted(self.tried, "sample")
         if self.grasps:
-            return f"{len(self.grasps)} grasps of {self.tried} samples: {counts}"
-        text, (least, largest) = f"no grasp of {self.tried} samples holds the object: {counts}", self.opening
+            good = sum(grasp.bears for grasp in self.grasps)
+            which = "" if good == len(self.grasps) else f" ({good} with a squeeze that withstands the reserve)"
+            grasps = _counted(len(self.grasps), "grasp")
+            text = f"{grasps}{which} from {samples}, the best of every {_BATCH} moved about. As drawn: {counts}"
+            return "\n".join([text, *self.advice])
+        text, (least, largest) = f"no grasp of {samples} holds the object: {counts}", self.opening
         sizes = f"its opposed surfaces are {1e3 * self.width:.3g} mm apart or more, and this hand opens by"
         if self.width > largest:
             text += f". The object is too large: {sizes} {1e3 * largest:.3g} mm"
@@ -99,7 +113,14 @@ class GraspSearch:
         text = ". ".join([text, *self.remarks])
         if not least / _TOO_SMALL < self.width < largest * _TOO_LARGE:
             text += "; millimetres read as metres, or metres as millimetres? (scale=0.001)"
-        return text
+        return "\n".join([text, *self.advice])
+
+
+_SAID = {"holds": "held"}  # outcomes of many
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 # Beside hand, object and conditions seven options: of the samples and of how they are run.
@@ -159,49 +180,98 @@ def find_grasps(
     widths = [one.width for one in case.preshapes]
     opening = max(0.0, min(widths, default=0.0)), max(widths, default=0.0)
     width = float(min(case.pairs.widths, default=np.inf))
-    found: list[FoundGrasp] = []
-    outcomes: dict[str, int] = {}
-    interrupted = False
-    sizes = [min(_BATCH, count - i) for i in range(0, count, _BATCH)]
-    bar = tqdm(
-        total=count, desc="grasps", unit="sample", disable=None if progress is None else not progress, leave=False
-    )
+    run = _Run(case, count, jobs, progress)
+    too_large = width > opening[1]
     # Meshes are heavy: they go to every process once, and never come back.
-    with tempfile.TemporaryDirectory() as folder, interrupts_kept() as interrupt:
+    with run.on_disk(), interrupts_kept() as interrupt:
         try:
-            parallel = joblib.effective_n_jobs(jobs) > 1
-            task = _in_a_file(case, Path(folder) / "case.pickle") if parallel else case
             for one in rounds:
-                work = ((task, batch, size) for batch, size in zip(one.spawn(len(sizes)), sizes))
-                with parallel_results(_try, work, jobs, return_as="generator") as results:
-                    for batch in results:
-                        if isinstance(batch, Exception):
-                            raise batch
-                        for outcome in batch.outcomes:
-                            outcomes[outcome] = outcomes.get(outcome, 0) + 1
-                        bar.update(len(batch.outcomes))
-                        if batch.grasp is not None:
-                            found.append(batch.grasp)
-                        interrupt()
-                interrupt()
-                if any(grasp.sound == SOUND for grasp in found) or (not found and width > opening[1]):
+                run.batches(one, interrupt)
+                if any(grasp.sound == SOUND for grasp in run.found) or (not run.found and too_large):
                     break
-                bar.total += count if one is not rounds[-1] else 0
+            near = () if any(grasp.bears for grasp in run.found) or too_large else run.near(rounds[0], interrupt)
         except KeyboardInterrupt:
-            interrupted = True
+            run.interrupted, near = True, ()
         except BrokenProcessPool:
             why = "a process of the search was lost, by lack of memory or a crash: try fewer (jobs=1)"
             raise PinograspError(why) from None
-    bar.close()
+    run.bar.close()
+    near = tuple(_with_bodies(hand, body, one) for one in near)
     return GraspSearch(
-        grasps=tuple(_with_bodies(hand, body, one) for one in sorted(found, key=lambda one: one.worth, reverse=True)),
-        tried=sum(outcomes.values()),
-        outcomes=outcomes,
+        grasps=tuple(_with_bodies(hand, body, one) for one in _ranked(run.found)),
+        tried=sum(run.outcomes.values()),
+        outcomes=run.outcomes,
         opening=opening,
         width=width,
-        interrupted=interrupted,
+        interrupted=run.interrupted,
         remarks=_remarks(hand),
+        near=near,
+        advice=what_would_do(near, conditions, impact_time),
     )
+
+
+def _ranked(found: list[FoundGrasp]) -> list[FoundGrasp]:
+    """Best first."""
+    return sorted(found, key=lambda one: one.worth, reverse=True)
+
+
+class _Run:
+    """The batches of a search, here or in other processes."""
+
+    def __init__(self, case: SearchCase, count: int, jobs: int, progress: bool | None):
+        self.case, self.jobs = case, jobs
+        self.sizes = [min(_BATCH, count - i) for i in range(0, count, _BATCH)]
+        self.found: list[FoundGrasp] = []
+        self.outcomes: dict[str, int] = {}
+        self.interrupted = False
+        self.folder: str | None = None
+        disable = None if progress is None else not progress
+        self.bar = tqdm(total=0, desc="grasps", unit="sample", disable=disable, leave=False)
+
+    @contextlib.contextmanager
+    def on_disk(self) -> Iterator[None]:
+        """With a folder for the case, from which other processes read it."""
+        with tempfile.TemporaryDirectory() as folder:
+            self.folder = folder
+            yield
+
+    def batches(self, seed: np.random.SeedSequence, interrupt: Callable[[], None]) -> None:
+        """One round of samples."""
+        self.bar.total += sum(self.sizes)
+        for batch in self._results(self.case, seed):
+            for outcome in batch.outcomes:
+                self.outcomes[outcome] = self.outcomes.get(outcome, 0) + 1
+            self.bar.update(len(batch.outcomes))
+            if batch.grasp is not None:
+                self.found.append(batch.grasp)
+            interrupt()
+        interrupt()
+
+    def near(self, seed: np.random.SeedSequence, interrupt: Callable[[], None]) -> tuple[FoundGrasp, ...]:
+        """The best grasps of wider conditions, for what is in the way of the given ones: the first round again
+        without the limits of forces and torques, then with more friction as well.
+        """
+        for conditions in wider_conditions(self.case.conditions):
+            found = []
+            self.bar.total += sum(self.sizes)
+            for batch in self._results(replace(self.case, conditions=conditions), seed):
+                self.bar.update(len(batch.outcomes))
+                found += [] if batch.grasp is None else [batch.grasp]
+                interrupt()
+            if any(one.bears for one in found):
+                return tuple(_ranked(found)[:_NEAR])
+        return ()
+
+    def _results(self, case: SearchCase, seed: np.random.SeedSequence) -> Iterator[Batch]:
+        parallel = joblib.effective_n_jobs(self.jobs) > 1
+        path = Path(str(self.folder)) / f"case-{self.bar.total}.pickle"
+        task = _in_a_file(case, path) if parallel else case
+        work = ((task, batch, size) for batch, size in zip(seed.spawn(len(self.sizes)), self.sizes))
+        with parallel_results(_try, work, self.jobs, return_as="generator") as results:
+            for batch in results:
+                if isinstance(batch, Exception):
+                    raise batch
+                yield batch
 
 
 def _remarks(hand: HandModel) -> tuple[str, ...]:

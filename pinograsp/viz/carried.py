@@ -17,6 +17,7 @@ from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, IntArray
 from pinograsp.viz.style import (
     COLOURS,
+    NotebookFigure,
     contact_colours,
     finger_colours,
     grid,
@@ -113,7 +114,7 @@ def path_speed(plan: Carried) -> Figure:
     """Speed over the path parameter, coloured by what binds, below the speed at which each place may be passed."""
     s, speed = plan.s, plan.speed
     middles = CubicHermiteSpline(plan.times, s, speed)(plan.instants)
-    figure = Figure(figsize=(_WIDTH, 5.0), layout="constrained")
+    figure = NotebookFigure(figsize=(_WIDTH, 5.0), layout="constrained")
     axes = figure.subplots()
     axes.plot(middles, plan.limit, color="0.2", linewidth=1.1, zorder=3, label="limit of each place by itself")
     shares = [(what, share) for what, share in plan.shares() if what != "nothing"]
@@ -145,7 +146,7 @@ def path_speed(plan: Carried) -> Figure:
 
 def normal_forces(plan: Carried) -> Figure:
     """Sum of the normal forces and those of the contacts over time; dashed: commanded, where that is something else."""
-    figure = Figure(figsize=(_WIDTH, 6.0), layout="constrained")
+    figure = NotebookFigure(figsize=(_WIDTH, 6.0), layout="constrained")
     total, each = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.7))
     forces, commanded = plan.normal_forces, plan.commanded
     other = np.abs(commanded - forces).max(axis=0) > 1e-3 * max(float(forces.max()), 1e-9)
@@ -167,7 +168,7 @@ def normal_forces(plan: Carried) -> Figure:
 
 def friction_use(plan: Carried) -> Figure:
     """Share of the friction relied on that each contact uses over time; 1: all of it."""
-    figure = Figure(figsize=(_WIDTH, 4.4), layout="constrained")
+    figure = NotebookFigure(figsize=(_WIDTH, 4.4), layout="constrained")
     axes = figure.subplots()
     _contacts(axes, plan, plan.friction_use)
     axes.axhline(1.0, color="0.2", linewidth=1.0, linestyle="--", zorder=3)
@@ -183,7 +184,7 @@ def torque_shares(plan: Carried) -> Figure:
     limits = plan.torque_limits
     fingers = _fingers(plan)
     arm = np.setdiff1d(np.arange(plan.robot.n), fingers)
-    figure = Figure(figsize=(2 * _HALF, 4.8), layout="constrained")
+    figure = NotebookFigure(figsize=(2 * _HALF, 4.8), layout="constrained")
     for axes, dofs, what in zip(figure.subplots(1, 2), (arm, fingers), ("arm", "fingers")):
         known = dofs[np.isfinite(limits[dofs])]
         shares = plan.torques[:, known] / limits[known]
@@ -210,7 +211,7 @@ def arm_motion(plan: Carried) -> Figure:
     moving = np.flatnonzero(np.abs(plan.dq).max(axis=0) > 0)
     slides = plan.robot.slides[moving]
     unit = "m" if slides.all() else "rad or m" if slides.any() else "rad"
-    figure = Figure(figsize=(2 * _HALF, 4.8), layout="constrained")
+    figure = NotebookFigure(figsize=(2 * _HALF, 4.8), layout="constrained")
     for axes, values, what, per in zip(
         figure.subplots(1, 2), (plan.dq, plan.ddq), ("speed", "acceleration"), ("s", "s$^2$")
     ):

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from pinograsp.checks import path_of
 from pinograsp.errors import InvalidInput
-from pinograsp.viz.style import COLOURS, SUFFIXES, content_of
+from pinograsp.viz.style import COLOURS, SUFFIXES, NotebookFigure, content_of
 from pinograsp.writing import write_file
 
 _MOST = 20  # objects with a box of their own
@@ -51,7 +50,7 @@ def certified_picture(columns: Mapping[str, Sequence[Any]], path: str | Path) ->
         name: [max(forces) for reason, own, forces in rows if own == name and reason == "held" and forces]
         for name in shown
     }
-    figure = Figure(figsize=(11.0, 1.8 + 0.32 * len(shown)), dpi=150, layout="constrained")
+    figure = NotebookFigure(figsize=(11.0, 1.8 + 0.32 * len(shown)), dpi=150, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1.6, 1.0])
     at, begin = np.arange(len(shown)), np.zeros(len(shown))
     totals = np.array([sum(counts[name, reason] for reason in reasons) for name in shown])

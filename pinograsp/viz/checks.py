@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pinograsp.checks import instance_of
 from pinograsp.plan import Simulation
 from pinograsp.viz.figures import note
-from pinograsp.viz.style import COLOURS, contact_colours, grid, label_of, legend_above
+from pinograsp.viz.style import COLOURS, NotebookFigure, contact_colours, grid, label_of, legend_above
 
 
 def _hold(axes: Axes, simulation: Simulation) -> None:
@@ -26,7 +26,7 @@ def _hold(axes: Axes, simulation: Simulation) -> None:
 def forces_beside_plan(simulation: Simulation) -> Figure:
     """Simulated normal forces over time with the planned final ones, and penetration depths."""
     instance_of("simulation", simulation, Simulation)
-    figure = Figure(figsize=(10.4, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
     times, drawn = simulation.times, simulation.times >= _first_touch(simulation)
     for i, (part, colour) in enumerate(zip(simulation.parts, contact_colours(simulation.parts))):
@@ -44,7 +44,7 @@ def forces_beside_plan(simulation: Simulation) -> Figure:
 def object_motion(simulation: Simulation) -> Figure:
     """Motion of the object after it was let go, and slip of the contacts."""
     instance_of("simulation", simulation, Simulation)
-    figure = Figure(figsize=(10.4, 3.6), layout="constrained")
+    figure = NotebookFigure(figsize=(10.4, 3.6), layout="constrained")
     drift, slip = figure.subplots(1, 2)
     times, places = simulation.times, simulation.com_o
     start = simulation.complete
@@ -71,7 +71,7 @@ def object_motion(simulation: Simulation) -> Figure:
 def energy_audit(simulation: Simulation) -> Figure:
     """Energy put in by motors and load, and how it was stored or lost."""
     instance_of("simulation", simulation, Simulation)
-    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
+    figure = NotebookFigure(figsize=(6.4, 3.8), layout="constrained")
     axes, energies = figure.subplots(), simulation.energies
     put_in = energies["joint_work"] + energies["load_work"]
     parts = ("mechanical", "elastic", "damped", "slipped")

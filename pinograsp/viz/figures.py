@@ -17,7 +17,16 @@ from pinograsp.checks import array_of, floats_of, instance_of, items_of, mapping
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array
-from pinograsp.viz.style import contact_colours, finger_colours, grid, label_of, legend_above, ranks, shades
+from pinograsp.viz.style import (
+    NotebookFigure,
+    contact_colours,
+    finger_colours,
+    grid,
+    label_of,
+    legend_above,
+    ranks,
+    shades,
+)
 
 _STYLES = ("-", "--", "-.", ":")  # for print
 _NARROW = 0.15  # of the axes: a phase whose name is written upwards
@@ -82,7 +91,7 @@ def _per_finger(plan: PlanRecord, values: Array, ylabel: str) -> Figure:
         raise InvalidInput("figure: expected a plan in which joints move, got one in which none moves")
     columns = min(3, len(fingers))
     rows = -(-len(fingers) // columns)
-    figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
+    figure = NotebookFigure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
     panels = np.ravel(figure.subplots(rows, columns, squeeze=False))
     for axes in panels[len(fingers) :]:
         axes.set_axis_off()
@@ -111,7 +120,7 @@ def joint_torques(plan: PlanRecord, finger: str) -> Figure:
     instance_of("plan", plan, PlanRecord)
     dofs = plan.layout.fingers[one_of("finger", finger, plan.layout.fingers)]
     times, torques, impact = plan.motion.times, plan.motion.torques[:, dofs], plan.motion.impact
-    figure = Figure(figsize=(9.6, 3.9), layout="constrained")
+    figure = NotebookFigure(figsize=(9.6, 3.9), layout="constrained")
     complete, early = figure.subplots(1, 2)
     _joint_lines(complete, plan, finger, times, torques)
     _phases(complete, plan)
@@ -133,7 +142,7 @@ def contact_forces(plan: PlanRecord) -> Figure:
     lead = (phases.final_time - phases.impact_time) / 5
     drawn = plan.motion.times >= phases.impact_time - lead
     times = plan.motion.times[drawn]
-    figure = Figure(figsize=(10.4, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(10.4, 4.2), layout="constrained")
     force, depth = figure.subplots(1, 2)
     _contact_lines(force, plan, times, plan.forces.normal_history[drawn])
     # Until it is released at t_F something else carries the object: its weight counts from there.
@@ -165,7 +174,7 @@ def grasp_energy(plan: PlanRecord) -> Figure:
     impact = plan.motion.impact
     times, rates = plan.motion.times[impact:], plan.forces.rates[impact:]
     forces = (1 + plan.law.exponent) * plan.forces.normal_history[impact:]
-    figure = Figure(figsize=(10.4, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(10.4, 4.2), layout="constrained")
     labels = ("grasp energy as work, Eq. (9):\nrho + 1 times the contacts' work [mJ]", "as impulse, Eq. (11) [N s]")
     for axes, power, ylabel, scale in zip(figure.subplots(1, 2), (forces * rates, forces), labels, (1e3, 1.0)):
         grown = scale * cumulative_trapezoid(power, times, axis=0, initial=0.0)
@@ -185,7 +194,7 @@ def friction_use(plan: PlanRecord) -> Figure:
     limit = plan.friction.mu * forces[:, :, 2]
     pressed = limit > 1e-3 * limit.max()  # at negligible normal forces the share is meaningless
     share = np.where(pressed, np.hypot(forces[:, :, 0], forces[:, :, 1]) / np.where(pressed, limit, 1.0), np.nan)
-    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    figure = NotebookFigure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.subplots()
     drawn = times >= plan.forces.impact_time
     _contact_lines(axes, plan, times[drawn], 100 * share[drawn])
@@ -215,7 +224,7 @@ def wrench_margin(plan: PlanRecord) -> Figure:
     if plan.reach is None:
         raise InvalidInput("figure: expected a plan with its margins by direction, got one without: plan.with_reach()")
     directions, margins = plan.reach.directions, plan.reach.forces
-    figure = Figure(figsize=(11.4, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(11.4, 4.2), layout="constrained")
     planes = (("x", "y"), ("x", "z"), ("y", "z"))
     for axes, plane, along, reach in zip(figure.subplots(1, 3), planes, directions, margins):
         points = (reach[:, None] * along)[:, ["xyz".index(axis) for axis in plane]]
@@ -240,7 +249,7 @@ def search_over_time(plan: PlanRecord) -> Figure:
         raise InvalidInput("figure: expected a plan of search='convex'; the grids prove no bounds")
     unit, scale = {"work": ("mJ", 1e3), "impulse": ("N s", 1.0)}[plan.measure]
     start, end, bound, best = certificate.branches.T * [[1.0], [1.0], [scale], [scale]]
-    figure = Figure(figsize=(10.4, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(10.4, 4.2), layout="constrained")
     bounds, gap = figure.subplots(1, 2)
     known = np.isfinite(bound)
     bounds.hlines(
@@ -292,7 +301,7 @@ def sweep_map(columns: Mapping[str, Iterable[object]], value: str, x: str, y: st
     given = [np.nan if v is None else v for v in items_of(f"column '{value}'", columns[value], object)]
     values = floats_of(f"column '{value}'", given)
     across = array_of(f"column '{x}'", columns[x], values.shape)
-    figure = Figure(figsize=(6.8, 4.6), layout="constrained")
+    figure = NotebookFigure(figsize=(6.8, 4.6), layout="constrained")
     axes = figure.subplots()
     if y is None:
         order = np.argsort(across)

@@ -7,6 +7,7 @@ from html import escape
 import numpy as np
 
 from pinograsp.viz.scene import ViewScene
+from pinograsp.words import fixed
 
 _CELL = "padding:1px 0 1px 6px;text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums"
 _FIRST = "padding:1px 0;text-align:left;max-width:9em;overflow:hidden;text-overflow:ellipsis;white-space:nowrap"
@@ -59,7 +60,7 @@ def torques(scene: ViewScene, frame: int) -> str:
         for i in dofs:
             q, torque, slides, limit = scene.q[frame, i], scene.torques[frame, i], scene.sliding[i], scene.limits[i]
             share = abs(torque) / limit if np.isfinite(limit) and limit > 0 else np.nan
-            position = f"{1e3 * q:.1f} mm" if slides else f"{np.degrees(q):.1f} deg"
+            position = f"{fixed(1e3 * q, 1)} mm" if slides else f"{fixed(np.degrees(q), 1)} deg"
             rows.append(
                 _row(escape(scene.joints[i]), position, f"{short(torque)} {'N' if slides else 'N m'}", _bar(share))
             )

@@ -21,7 +21,7 @@ from pinograsp.viz.raster import Camera, Layer, Surface, averaged, fitted, overl
 from pinograsp.viz.scene import ViewScene, scene_of
 from pinograsp.viz.scene_meshes import LOAD, arrow_along, ball, rgb
 from pinograsp.viz.solids import cloud_of, placed
-from pinograsp.viz.style import SUFFIXES, content_of, label_of
+from pinograsp.viz.style import SUFFIXES, NotebookFigure, content_of, label_of
 from pinograsp.writing import write_file
 
 _FINER = 2  # pixels that are drawn for each one of the picture, along either side
@@ -53,7 +53,7 @@ class Sheet(NamedTuple):
 
     def figure(self) -> Figure:
         """Empty, of this size."""
-        return Figure(figsize=(self.width / self.dpi, self.height / self.dpi), dpi=self.dpi)
+        return NotebookFigure(figsize=(self.width / self.dpi, self.height / self.dpi), dpi=self.dpi)
 
 
 def picture(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Iterable, Sequence
 from itertools import cycle
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -19,6 +21,24 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 _FINGERS = COLOURS[:6]  # black is the load
 # Fingers of these names have the same colour in every figure of every hand.
 _KNOWN = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4, "pinky": 4, "palm": 5}
+
+
+class NotebookFigure(Figure):
+    """A figure that notebooks, and pages made of them, show by itself, without pyplot.
+
+    It is drawn without warnings of names in scripts that the font lacks and of panels too small for their labels, about
+    which nobody can do anything.
+    """
+
+    def savefig(self, *args: Any, **options: Any) -> None:
+        """As Matplotlib's."""
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", category=UserWarning)
+            super().savefig(*args, **options)
+
+    def _repr_png_(self) -> bytes:
+        return content_of(self, "png")
+
 
 SUFFIXES = (".png", ".svg", ".pdf")  # of pictures
 

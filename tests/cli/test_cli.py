@@ -622,7 +622,7 @@ def test_usage_errors_are_json_where_that_is_asked_for(command, arguments, messa
     told = json.loads(out)
     assert code == 2 and told.keys() == {"status", "error", "message", "remedy"} and told["status"] == "invalid_input"
     assert told["remedy"]
-    assert message in told["message"] and told["remedy"] not in told["message"] and err == ""
+    assert message in told["message"] and err == "" and told["remedy"] not in told["message"]
     code, out, err = command(*arguments)
     assert code == 2 and out == "" and message in err
 
@@ -631,7 +631,15 @@ def test_a_search_that_finds_no_placement_is_no_grasp(command):
     code, out, err = command(
         "plan", "--hand", "panda", "--object", "sphere:radius=0.5,mass=1", "--samples", "1", "--json"
     )
-    assert code == 3 and json.loads(out)["status"] == "not_found" and "no grasp of 1" in err
+    told = json.loads(out)
+    assert code == 3 and told["status"] == "not_found" and "no grasp of 1" in told["message"] and err == ""
+
+
+@pytest.mark.parametrize("option", ["--within", "--at"])
+@pytest.mark.parametrize("text", ["0,0,0,1,1", "0", "a,b,c", "1,2,3,4,5,6,7", ""])
+def test_options_of_several_numbers_say_how_many(command, option, text):
+    code, _, err = command("plan", "--hand", "panda", "--object", "sphere:radius=0.02,mass=0.1", f"{option}={text}")
+    assert code == 2 and err.startswith(f"pinograsp: {option}: expected ") and "6 numbers" in err and "[m" in err
 
 
 def test_messages_do_not_steer_the_terminal(command):
