@@ -43,6 +43,8 @@ def lines_on_drives(
     else:
         for drive in drives:
             limit = f"{drive.limit:g}" if np.isfinite(drive.limit) else "not given"
+            if drive.efforts is not None:
+                limit = f"{drive.efforts[0]:g} to {drive.efforts[1]:g}"
             others = (("stiffness", drive.stiffness), ("damping", drive.damping), ("encoder step", drive.step))
             known = "".join(f", {name} {value:.4g}" for name, value in others if value is not None)
             lines.append(f"    {drive}, limit {limit}{known}")

@@ -46,6 +46,8 @@ class Drive:
         damping: effort per unit of da/dt; None where it is not known.
         exact: whether the torques at its joints are in the ratio of the arms. Not so where other springs or friction
             at these joints, which nobody has measured, bear a part: then plans only say where they rely on them.
+        efforts: least and largest effort, where it can do less one way than the other, as a tendon that only pulls;
+            None: ``limit`` either way.
         step: of the encoder by which a position servo holds its coordinate, in units of a; None where it is not known.
         sources: where limit, stiffness, damping and step come from, and which of them are guesses; each at most once.
 
@@ -61,6 +63,7 @@ class Drive:
     stiffness: float | None = None
     damping: float | None = None
     exact: bool = True
+    efforts: tuple[float, float] | None = None
     step: float | None = None
     sources: tuple[Source, ...] = ()
 
@@ -92,6 +95,14 @@ class Drive:
                 "out, or set control='position'"
             )
         limit = math.inf if _infinite(self.limit) else number(f"limit of {where}", self.limit, above=0)
+        if self.efforts is not None:
+            least, most = array_of(f"efforts of {where}", self.efforts, (2,)).tolist()
+            if not least < most or not math.isclose(max(-least, most), limit, rel_tol=1e-9):
+                raise InvalidInput(
+                    f"efforts of {where}: expected the least and the largest, the larger of both in size its limit "
+                    f"{limit:g}, got {least:g} and {most:g}"
+                )
+            object.__setattr__(self, "efforts", (least, most))
         sources = items_of(f"sources of {where}", self.sources, Source)
         _each_once(f"figures with a source of {where}", [source.figure for source in sources])
         checked = {"joints": joints, "arms": tuple(arms.tolist()), "limit": limit, "sources": sources}
@@ -147,7 +158,8 @@ def drive_record(drive: Drive) -> dict[str, Any]:
     """A drive as plain JSON values; None for a limit, stiffness, damping or step that is not known."""
     plain = asdict(drive) | {"limit": drive.limit if drive.limit < math.inf else None}
     plain["sources"] = [one | {"interval": one["interval"] and list(one["interval"])} for one in plain["sources"]]
-    return plain | {"joints": list(drive.joints), "arms": list(drive.arms)}
+    lists = {"joints": list(drive.joints), "arms": list(drive.arms), "efforts": drive.efforts and list(drive.efforts)}
+    return plain | lists
 
 
 def one_each(joints: Iterable[str], limits: ArrayLike, control: Control = "torque") -> tuple[Drive, ...]:
@@ -271,6 +283,7 @@ class Motor:
     arms: dict[str, float]
     control: Control = "torque"
     limit: float = math.inf
+    efforts: tuple[float, float] | None = None
     stiffness: float | None = None
     damping: float | None = None
     remark: str = ""
@@ -325,9 +338,11 @@ def drives_of(
         arms = {joint: arm for joint, arm in arms.items() if _LEAST_ARM <= abs(arm) <= _LARGEST_ARM}
         if not arms:
             continue
-        limit = motor.limit
+        limit, ways = motor.limit, motor.efforts
         if len(arms) == 1:
             limit = min(limit, *(limits[joint] / abs(arm) for joint, arm in arms.items()))
+        if ways is not None:
+            ways = max(ways[0], -limit), min(ways[1], limit)
         name = motor.name
         while name in taken:
             taken[motor.name] += 1
@@ -340,6 +355,7 @@ def drives_of(
                 arms=tuple(arms.values()),
                 control=motor.control,
                 limit=limit if limit > 0 else math.inf,
+                efforts=ways if limit > 0 else None,
                 stiffness=motor.stiffness if motor.control == "position" else None,
                 damping=motor.damping,
             )
@@ -377,7 +393,8 @@ def on_joints(drives: Iterable[Drive], joints: Sequence[str], efforts: ArrayLike
         if arms:
             limit = min(limits[joint] / abs(arm) for joint, arm in arms.items())
             limit = drive.limit if drive.limit < math.inf else limit
-            found.append(replace(drive, joints=tuple(arms), arms=tuple(arms.values()), limit=limit))
+            ways = drive.efforts if limit == drive.limit else None
+            found.append(replace(drive, joints=tuple(arms), arms=tuple(arms.values()), limit=limit, efforts=ways))
     return tuple(found)
 
 

@@ -281,6 +281,7 @@ def read_actuation(model: mujoco.MjModel, joints: Mapping[str, int]) -> Actuatio
                 arms=own,
                 control=control or "torque",
                 limit=max(abs(least), abs(most)),
+                efforts=None if least == -most else (least, most),
                 stiffness=stiffness,
                 damping=damping,
                 remark="" if control else f"of a kind that is {_kind(model, a)}, taken as torque motors",

@@ -284,6 +284,7 @@ def _drives(record: dict[str, Any], hand: HandModel) -> tuple[Drive, ...]:
                 stiffness=one.get("stiffness"),
                 damping=one.get("damping"),
                 exact=one.get("exact", False),  # older records did not tell
+                efforts=one.get("efforts"),
                 step=one.get("step"),
                 sources=_sources(one, where),
             )

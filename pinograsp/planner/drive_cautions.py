@@ -51,6 +51,20 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
     yield from _near_limits(hand, solution, motion, np.abs(torques).max(axis=0))
 
 
+def find_wrong_way(hand: HandModel, motion: Motion) -> str:
+    """In words, the drive that would have to hold with an effort that it can make the other way only; "": none."""
+    held = solve_efforts(hand, motion.q[-1:], motion.holding_torques[None]).drives[0]
+    slack = _ROUNDING * float(np.abs(held).max(initial=0.0))
+    for drive, effort in zip(hand.drives, held):
+        if drive.efforts is not None and not drive.efforts[0] - slack <= effort <= drive.efforts[1] + slack:
+            least, most = drive.efforts
+            return (
+                f"drive {drive.name} would have to hold with {effort:.3g}, and makes {least:g} to {most:g}: it acts one "
+                "way more than the other. If it can do more than its description says, give drives=[Drive(...)]"
+            )
+    return ""
+
+
 def drive_notes(hand: HandModel, motion: Motion) -> list[str]:
     """Guesses that a plan rests on: limits of motors that hold, and the stiffness of servos."""
     held = np.abs(solve_efforts(hand, motion.q[-1:], motion.holding_torques[None]).drives[0])

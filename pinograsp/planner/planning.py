@@ -12,7 +12,7 @@ import numpy as np
 from pinograsp.checks import instance_of, one_of
 from pinograsp.contacts import Closure, close_hand
 from pinograsp.contacts.support_plane import SupportPlane
-from pinograsp.errors import GraspUndecided, InvalidInput, SearchFailed, Status
+from pinograsp.errors import GraspInfeasible, GraspUndecided, InvalidInput, SearchFailed, Status
 from pinograsp.forces import (
     SEARCHES,
     BackendName,
@@ -49,6 +49,7 @@ from pinograsp.objects.body import Body
 from pinograsp.plan import Motion, PlanReserve
 from pinograsp.planner.assemble import assembled, reserve_of
 from pinograsp.planner.compliance import scenarios_of
+from pinograsp.planner.drive_cautions import find_wrong_way
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.refusals import (
     freed,
@@ -294,6 +295,8 @@ class GraspTask:
             forces, motion, spent = _by_grid(hand, problem, choices)
         else:
             forces, motion, spent = _by_optimum(hand, problem, choices, limit)
+        if wrong := find_wrong_way(hand, motion):
+            raise GraspInfeasible(f"no grasp that this hand can make: {wrong}", forces)
         notes: tuple[str, ...] = ()
         if limit is not None and not np.isfinite(limit).any():
             notes = (f"no joint of '{hand.name}' has an effort limit: torques are not limited",)

@@ -196,3 +196,51 @@ def test_a_plan_without_a_caution_is_within_all_limits(name, torque_limit):
         except PinograspError:
             continue  # no plan promises nothing
         assert plan.status is not Status.OK or within(plan) or told(plan, "limit")
+
+
+JAWS = """<mujoco><worldbody><body name="base"><geom type="box" size="0.03 0.05 0.02"/>
+  <body name="l" pos="0 0 0.03"><joint name="jl" type="slide" axis="0 {s} 0" range="{r}"/>
+  <geom type="box" size="0.008 0.004 0.02" pos="0 0.0{y} 0.03"/></body>
+  <body name="r" pos="0 0 0.03"><joint name="jr" type="slide" axis="0 -{s} 0" range="{r}"/>
+  <geom type="box" size="0.008 0.004 0.02" pos="0 -0.0{y} 0.03"/></body></body></worldbody>
+  <equality><joint joint1="jl" joint2="jr"/></equality>
+  <actuator><motor name="grip" joint="jr" forcerange="{force}"/></actuator></mujoco>"""
+# Positive positions are open, or closed.
+OPENS, CLOSES = {"s": "1", "r": "0 0.04", "y": "04"}, {"s": "-1", "r": "0 0.04", "y": "44"}
+
+
+@pytest.mark.parametrize(
+    ("way", "force", "fits"),
+    [
+        (OPENS, "-30 30", True),
+        (OPENS, "-30 0", True),
+        (OPENS, "-30 1", True),
+        (OPENS, "0 30", False),
+        (OPENS, "-1 30", False),
+        (CLOSES, "0 30", True),
+        (CLOSES, "-30 0", False),
+    ],
+)
+def test_motors_that_act_one_way_hold_that_way_only(way, force, fits):
+    """The sign of MuJoCo's own motor that closes the jaws decides; ranges are kept by records."""
+    from pinograsp.hands.record import hand_of, hand_record
+
+    hand = pg.load_hand(JAWS.format(force=force, **way))
+    least, most = (float(value) for value in force.split())
+    assert hand.drives[0].efforts == (None if least == -most else (least, most))
+    assert hand_of(hand_record(hand)).drives == hand.drives
+    at = hand.frame_placements(hand.resting, [hand.palm])[0] @ pose_of([0.0, 0.0, 0.06], np.eye(3))
+    body = pg.Box(size=(0.02, 0.03, 0.03), mass=0.1).placed(at)
+    conditions = pg.GraspConditions(mu=0.6, reserve=None, friction=pg.Friction(model="soft", torsion=0.01))
+    if fits:
+        effort = pg.plan_grasp_on(hand, body, conditions, progress=False).motion.holding_torques[0]
+        assert least - 1e-9 <= effort <= most + 1e-9
+        return
+    with pytest.raises(GraspInfeasible, match=f"drive grip .* makes {least:g} to {most:g}"):
+        pg.plan_grasp_on(hand, body, conditions, progress=False)
+
+
+@pytest.mark.parametrize("efforts", [(0.0, 4.0), (3.0, -3.0), (-5.0, 1.0), (0.0, float("nan")), "x", (1.0,)])
+def test_efforts_that_do_not_fit_the_limit_are_refused(efforts):
+    with pytest.raises(PinograspError, match="efforts of drive 'd'"):
+        Drive(name="d", joints=("j",), arms=(1.0,), limit=3.0, efforts=efforts)
