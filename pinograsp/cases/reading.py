@@ -161,4 +161,6 @@ def line_of(error: ErrorDetails, known: Sequence[str] = ()) -> str:
 
 def place_of(error: ErrorDetails) -> str:
     """The dotted key of one of pydantic's errors, without pydantic's tags of unions."""
-    return ".".join(str(part) for part in error["loc"] if "[" not in str(part) and part not in ("Steps", "range", "list"))
+    return ".".join(
+        str(part) for part in error["loc"] if "[" not in str(part) and part not in ("Steps", "range", "list")
+    )

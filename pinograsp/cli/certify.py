@@ -52,7 +52,10 @@ def certify(
             autocompletion=completion.hands,
         ),
     ],
-    objects: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the objects that the files name; or the file of the one object.")],
+    objects: Annotated[
+        Path,
+        typer.Option(metavar="DIR", help="Folder of the objects that the files name; or the file of the one object."),
+    ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the rows, as Parquet files.")],
     format: Annotated[
         str,

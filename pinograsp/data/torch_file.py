@@ -114,7 +114,9 @@ class _Tensors:
         if len(sizes) != len(steps) or (count and last >= len(storage)):
             raise PickleRefused(f"a tensor of shape {sizes} reaches beyond its storage")
         if count > max(len(storage), _MOST_REPEATED):  # by strides of zero, or less than a row
-            raise PickleRefused(f"expected as many numbers as a tensor has, {count}, in its storage, got {len(storage)}")
+            raise PickleRefused(
+                f"expected as many numbers as a tensor has, {count}, in its storage, got {len(storage)}"
+            )
         machine.room_for_shape(sizes, storage.itemsize)
         if not count:
             return np.empty(sizes, dtype=storage.dtype)
