@@ -23,7 +23,7 @@ from pinograsp.certification.squeeze import (
     pressing,
     squeezed,
 )
-from pinograsp.checks import flag, instance_of, number, read_only
+from pinograsp.checks import flag, instance_of, integer, number, read_only
 from pinograsp.contacts import Friction
 from pinograsp.contacts.bulk import BulkContacts, BulkScene
 from pinograsp.contacts.contact_set import bare_contacts
@@ -65,7 +65,10 @@ class Asked:
         drives: bool,
         threads: int | None,
     ):
+        instance_of("hand", hand, HandModel)
+        instance_of("body", body, Body)
         instance_of("conditions", conditions, GraspConditions)
+        threads = None if threads is None else integer("threads", threads, at_least=1)
         if conditions.balance != "wrench":
             raise InvalidInput(
                 "conditions: expected balance='wrench': a free object turns where moments are not balanced"

@@ -57,7 +57,8 @@ class Certifier:
 
         They close until they touch, see :func:`~pinograsp.contacts.jaw_closing.close_jaws`.
         """
-        placed = placements_of("roots", roots, len(np.asarray(roots)))
+        placed = array_of("roots", roots, (None, 4, 4))
+        placed = placements_of("roots", placed, len(placed))
         q, moved, _ = close_jaws(self._asked.scene, placed)
         return self._certified(q, moved)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from pinograsp.checks import brief, read_only
+from pinograsp.checks import brief, integer, items_of, read_only
 from pinograsp.contacts import PALM, Contact, ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, GraspConditions
@@ -146,7 +146,14 @@ class Certificates:
 
     @classmethod
     def joined(cls, blocks: Sequence[Certificates]) -> Certificates:
-        """Certificates of one hand, object and conditions, one after the other."""
+        """Certificates of one hand, object and conditions, one after the other.
+
+        Raises:
+            InvalidInput: none.
+        """
+        blocks = items_of("blocks", blocks, cls)
+        if not blocks:
+            raise InvalidInput("blocks: expected certificates, one block or more, got none")
         most = max(block.points_o.shape[1] for block in blocks)
         joined: dict[str, Any] = {}
         for one in fields(cls):
@@ -189,7 +196,10 @@ class Certificates:
         return self.describe()
 
     def words(self, i: int) -> str:
-        """Why grasp i does not hold, or that it does, with its figures."""
+        """Why grasp i does not hold, or that it does, with its figures; :class:`~pinograsp.errors.InvalidInput` where
+        there is no such grasp.
+        """
+        i = self._number(i)
         reason = Reason(self.reason[i])
         figure = {
             Reason.PENETRATES: f"{1e3 * self.depth[i]:.2g} mm",
@@ -204,6 +214,9 @@ class Certificates:
         """How far off the nearest link is."""
         return f"the nearest is {1e3 * gap:.2g} mm off{' or more' * (gap >= FAR_OFF)}" if gap > 0 else ""
 
+    def _number(self, i: object) -> int:
+        return integer("number of the grasp", i, at_least=-len(self), at_most=len(self) - 1)
+
     def _drives(self) -> str:
         """What keeps the drives from making any forces."""
         hand = self.hand
@@ -214,8 +227,9 @@ class Certificates:
         """The contacts of grasp i, with its posture, for the rest of the package; of ``hand.placed(roots[i])``.
 
         Raises:
-            InvalidInput: it has none.
+            InvalidInput: it has none, or there is no such grasp.
         """
+        i = self._number(i)
         count = int(self.counts[i])
         if not count:
             raise InvalidInput(f"grasp {i}: expected one that touches the object: {Reason(self.reason[i]).words}")

@@ -7,7 +7,7 @@ import pinocchio as pin
 from scipy.optimize import lsq_linear
 
 from pinograsp.certification.record import Certificates
-from pinograsp.checks import integer, read_only
+from pinograsp.checks import instance_of, integer, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.quintic import between
 from pinograsp.motion import effort_of, torque_limits
@@ -31,6 +31,7 @@ def trial_of(certificates: Certificates, i: int) -> Task:
     Raises:
         InvalidInput: no such grasp, or one without forces.
     """
+    instance_of("certificates", certificates, Certificates)
     i = integer("grasp", i, at_least=0, at_most=len(certificates) - 1)
     count = int(certificates.counts[i])
     normal = certificates.normal_forces[i, :count]

@@ -81,9 +81,8 @@ def run() -> int:
         if _is_cut_off(error):
             return _CUT_OFF
         code = _report(error)
-    if code == 130 and not _as_json(
-        Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", "Run the same command again."
-    ):
+    again = "Run the same command again."
+    if code == 130 and not _as_json(Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", again):
         _say("interrupted")
     return code
 

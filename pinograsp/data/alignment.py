@@ -13,10 +13,21 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, number, one_of, read_only
+from pinograsp.checks import (
+    array_of,
+    brief,
+    instance_of,
+    items_of,
+    mapping_of,
+    number,
+    one_of,
+    placement_of,
+    read_only,
+)
 from pinograsp.data.rotations import placements
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
@@ -46,17 +57,23 @@ class JointAxes:
     __repr__ = brief("names")
 
     def of(self, names: Sequence[str]) -> JointAxes:
-        """Those of some joints, in this order."""
-        at = [self.names.index(one_of("joint", name, self.names)) for name in names]
+        """Those of some joints, in this order; :class:`~pinograsp.errors.InvalidInput` for others."""
+        names = items_of("names", names, str)
+        at = np.array([self.names.index(one_of("joint", name, self.names)) for name in names], dtype=int)
         return JointAxes(
-            names=tuple(names),
+            names=names,
             origins=read_only(self.origins[at]),
             directions=read_only(self.directions[at]),
             slides=None if self.slides is None else read_only(self.slides[at]),
         )
 
-    def moved(self, pose: Array) -> JointAxes:
-        """The same, seen from a frame in which this root frame is at ``pose`` (4, 4)."""
+    def moved(self, pose: ArrayLike) -> JointAxes:
+        """The same, seen from a frame in which this root frame is at ``pose`` (4, 4) [m].
+
+        Raises:
+            InvalidInput: no placement.
+        """
+        pose = placement_of("pose", pose)
         return JointAxes(
             names=self.names,
             origins=read_only(self.origins @ pose[:3, :3].T + pose[:3, 3]),
@@ -108,10 +125,9 @@ def joint_axes(
     instance_of("hand", hand, HandModel)
     names = hand.joint_names if joints is None else tuple(items_of("joints", joints, str))
     q = np.array(hand.resting)
-    others = mapping_of("at", {} if at is None else at, "{joint: position}")
-    for name, value in [*others.items(), *((name, 0.0) for name in names)]:
-        i = hand.joint_names.index(one_of(f"joint of hand '{hand.name}'", name, hand.joint_names))
-        q[i] = number(f"at: position of '{name}'", value)
+    given = {name: number(f"at: '{name}'", one) for name, one in mapping_of("at", {} if at is None else at).items()}
+    for name, value in {**given, **dict.fromkeys(names, 0.0)}.items():
+        q[hand.joint_names.index(one_of(f"joint of hand '{hand.name}'", name, hand.joint_names))] = value
     model = hand.model
     data = model.createData()
     pin.computeJointJacobians(model, data, q)

@@ -261,7 +261,7 @@ class Unpickled:
             raise PickleRefused(f"expected at most {self._room} bytes of arrays in a file of its size, got more")
 
     def room_for_shape(self, sizes: tuple[int, ...], size: int) -> None:
-        """As :meth:`room_for`, for an array with numbers of ``size`` bytes each, or with none: even then it has rows."""
+        """As :meth:`room_for`, for an array with numbers of ``size`` bytes each, or with none, but rows."""
         count = math.prod(sizes)
         self.room_for(count * size if count else _OBJECT * math.prod(max(one, 1) for one in sizes))
 

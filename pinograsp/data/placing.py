@@ -188,7 +188,7 @@ def _renamed(known: Convention, file: Sequence[str]) -> JointAxes:
 
 def _given(rows: GraspRows, hand: HandModel, at: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
     given = {}
-    for name, value in mapping_of("at", at or {}, "{hand's joint: position}").items():
+    for name, value in mapping_of("at", {} if at is None else at, "{hand's joint: position}").items():
         one_of(f"at: joint of hand '{hand.name}'", name, hand.joint_names)
         values = floats_of(f"at: '{name}'", value)
         given[name] = array_of(f"at: '{name}'", np.full(rows.n, values) if values.ndim == 0 else values, (rows.n,))

@@ -90,7 +90,10 @@ class GraspRows:
         Raises:
             InvalidInput: a mask of another length, or indices that there are not.
         """
-        wanted = np.asarray(which)
+        try:
+            wanted = np.asarray(which)
+        except (ValueError, TypeError, OverflowError):  # lists of different lengths
+            wanted = np.array([None])
         mask = wanted.dtype.kind == "b" and wanted.shape == (self.n,)
         indices = wanted.dtype.kind in "iu" and wanted.ndim == 1 and not ((wanted < 0) | (wanted >= self.n)).any()
         if not (mask or indices or wanted.size == 0):

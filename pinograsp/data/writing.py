@@ -78,7 +78,7 @@ def write_grasps(
     rows = joined(rows)
     kind = rows.format if format is None else one_of("format", format, FORMATS)
     _check(rows, kind)
-    payload = _payload(rows, forces, points, labels or {})
+    payload = _payload(rows, forces, points, {} if labels is None else labels)
     return write_file(path, _WRITERS[kind](rows, payload))
 
 

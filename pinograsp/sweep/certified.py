@@ -28,7 +28,7 @@ from pinograsp.sweep.certified_table import REFUSED, schema_of
 from pinograsp.sweep.inputs import Inputs, plain, settings_of_conditions, settings_of_hand
 from pinograsp.sweep.parts import Parts, Work, read_part, read_parts
 from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend, collected
-from pinograsp.writing import place_of
+from pinograsp.writing import place_of, write_errors
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -120,7 +120,7 @@ class DataSet:
     __repr__ = brief()
 
     def __post_init__(self) -> None:
-        files = tuple(map(Path, items_of("files", self.files, str, Path)))
+        files = tuple(path_of("file of grasps", one) for one in items_of("files", self.files, str, Path))
         if not files:
             raise InvalidInput("files: expected at least one file of grasps")
         object.__setattr__(self, "files", files)
@@ -185,6 +185,7 @@ def certify_files(
     instance_of("conditions", conditions, GraspConditions)
     tolerance = number("tolerance", tolerance, above=0, unit="m")
     flag("drives", drives)
+    progress = None if progress is None else flag("progress", progress)
     jobs = processes(jobs)
     one_of("backend", backend, BACKENDS)
     check_backend(backend, scheduler)
@@ -273,7 +274,8 @@ def written_back(data: DataSet, folder: str | Path, target: str | Path) -> tuple
             labels = {"held": own["code"].to_numpy() == int(Reason.HELD), "reason_code": own["code"].to_numpy()}
             labels |= {name: np.minimum(own[name].to_numpy(), _MOST) for name in _WRITTEN}
             goal = target / path.resolve().relative_to(above)
-            goal.parent.mkdir(parents=True, exist_ok=True)
+            with write_errors(goal):
+                goal.parent.mkdir(parents=True, exist_ok=True)
             done.append(write_grasps(goal, rows, forces=forces, points=points, labels=labels))
         except (InvalidInput, GraspsNotRead) as error:
             refused[str(path)] = str(error)

@@ -1,4 +1,4 @@
-"""What certified rows were computed from: contents, so that a change of any is noticed, and a move or a copy is none."""
+"""What certified rows were computed from: contents, so that each change is noticed, and a move or a copy is none."""
 
 from __future__ import annotations
 

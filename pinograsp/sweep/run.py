@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
-from pinograsp.checks import brief, one_of, path_of, processes
+from pinograsp.checks import brief, flag, one_of, path_of, processes
 from pinograsp.spatial import IntArray
 from pinograsp.sweep.rows import FIGURES, ChunkResult, Row, kind_of, run_chunk
 from pinograsp.sweep.store import Store, read_sweep
@@ -103,6 +103,7 @@ def sweep(
         PinograspError: workers were lost; completed rows are kept.
     """
     started = time.perf_counter()
+    progress = None if progress is None else flag("progress", progress)
     jobs = processes(jobs)
     one_of("backend", backend, BACKENDS)
     check_backend(backend, scheduler)

@@ -199,14 +199,14 @@ def test_a_plan_without_a_caution_is_within_all_limits(name, torque_limit):
 
 
 JAWS = """<mujoco><worldbody><body name="base"><geom type="box" size="0.03 0.05 0.02"/>
-  <body name="l" pos="0 0 0.03"><joint name="jl" type="slide" axis="0 {s} 0" range="{r}"/>
+  <body name="l" pos="0 0 0.03"><joint name="jl" type="slide" axis="0 {l} 0" range="{r}"/>
   <geom type="box" size="0.008 0.004 0.02" pos="0 0.0{y} 0.03"/></body>
-  <body name="r" pos="0 0 0.03"><joint name="jr" type="slide" axis="0 -{s} 0" range="{r}"/>
+  <body name="r" pos="0 0 0.03"><joint name="jr" type="slide" axis="0 {right} 0" range="{r}"/>
   <geom type="box" size="0.008 0.004 0.02" pos="0 -0.0{y} 0.03"/></body></body></worldbody>
   <equality><joint joint1="jl" joint2="jr"/></equality>
   <actuator><motor name="grip" joint="jr" forcerange="{force}"/></actuator></mujoco>"""
 # Positive positions are open, or closed.
-OPENS, CLOSES = {"s": "1", "r": "0 0.04", "y": "04"}, {"s": "-1", "r": "0 0.04", "y": "44"}
+OPENS, CLOSES = {"l": 1, "right": -1, "r": "0 0.04", "y": "04"}, {"l": -1, "right": 1, "r": "0 0.04", "y": "44"}
 
 
 @pytest.mark.parametrize(
