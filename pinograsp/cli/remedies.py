@@ -21,7 +21,7 @@ _OPTIONS: dict[str, tuple[str, str] | None] = {
     "drives": None,
     "springs": None,
 }
-_KEYWORD = re.compile(rf"(?<![\w.'/=-])({'|'.join(_OPTIONS)})=(?:'([^']*)'|(True)\b)?")
+_KEYWORD = re.compile(rf"(?<![\w.'/=-])(?<!from Python )({'|'.join(_OPTIONS)})=(?:'([^']*)'|(True)\b)?")
 
 
 def as_options(text: str) -> str:

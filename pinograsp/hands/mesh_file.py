@@ -209,7 +209,10 @@ def _check_dae(content: bytes) -> float:
     if sum(geometry.get(one.get("url", ""), 0) for one in instances) > MOST_BYTES:
         raise ValueError(f"geometry repeated to more than {MOST_BYTES} bytes")
     unit = root.find("asset/unit")
-    (metres,) = [1.0] if unit is None else numbers(unit, "meter", 1, "1", most=LARGEST)
-    if metres < LEAST:
-        raise ValueError(f"<unit meter=>: expected a length above zero, got {metres:g}")
+    try:
+        (metres,) = [1.0] if unit is None else numbers(unit, "meter", 1, "1", most=LARGEST)
+        if metres < LEAST:
+            raise ValueError(f"expected a length of {LEAST:g} m or more, got {metres:g}")
+    except ValueError as error:
+        raise ValueError(f"<unit meter=>: {error}") from None
     return metres

@@ -48,8 +48,8 @@ def limit_notes(joints: Sequence[str], slides: Sequence[bool], lower: Array, upp
             given = [f"{printable(joint, 60)} {low:g} .. {high:g}" for joint, (low, high) in ends.items()]
             joint, (low, high) = next(iter(ends.items()))
             notes.append(
-                f"{ON_LIMITS}are these in {unit.taken}, {few(given, _MOST_NAMED)}? They are taken as {unit.right}; if so, "
-                f"limits={{'{printable(joint, 60)}': ({low * unit.factor:.4g}, {high * unit.factor:.4g}), ...}} "
+                f"{ON_LIMITS}are these in {unit.taken}, {few(given, _MOST_NAMED)}? They are taken as {unit.right}; "
+                f"if so, limits={{'{printable(joint, 60)}': ({low * unit.factor:.4g}, {high * unit.factor:.4g}), ...}} "
                 "or other numbers in the file"
             )
     return notes
@@ -91,8 +91,8 @@ def size_notes(model: pin.Model, geometry: pin.GeometryModel) -> list[str]:
     ]
     if long:
         return [
-            f"units of sizes: are these in millimetres or inches, {few(long, _MOST_NAMED)}? URDF's are in metres: if so, change "
-            "<size>, <origin>, ... in the file, or give its meshes a scale"
+            f"units of sizes: are these in millimetres or inches, {few(long, _MOST_NAMED)}? URDF's are in metres: if "
+            "so, change <size>, <origin>, ... in the file, or give its meshes a scale"
         ]
     if longest < _SHORTEST:
         return [

@@ -333,6 +333,22 @@ def write(tmp_path, text, name="hand.urdf"):
     return path
 
 
+@pytest.mark.parametrize(
+    "inertia",
+    [
+        '<inertial><mass value="1"/></inertial>',
+        '<inertial><mass value="1"/><inertia ixx="1"/></inertial>',
+        INERTIAL.replace('ixx="1e-5"', 'ixx="-1e-5"'),
+        INERTIAL.replace('<mass value="0.1"/>', '<mass value="-0.1"/>'),
+    ],
+)
+def test_refused_inertias_have_a_way_out_that_works(tmp_path, inertia):
+    shape = '<collision><geometry><box size="0.02 0.02 0.1"/></geometry></collision>'
+    with pytest.raises(HandNotLoaded, match="leave <inertial> out"):
+        load_hand(write(tmp_path, urdf(first=inertia + shape)))
+    assert load_hand(write(tmp_path, urdf(first=shape))).mass == pytest.approx(0.04)
+
+
 def test_smallest_hand_loads(tmp_path):
     hand = load_hand(write(tmp_path, urdf()))
     assert hand.palm == "base" and hand.fingers[0].tip == "a_tip" and hand.fingers[0].name == "a"
@@ -1145,6 +1161,31 @@ def test_the_root_to_give_has_the_joints_that_fingers_follow(tmp_path):
     assert {"left_wrist", "right_wrist"} == set(note.split("root= ")[1].split(" or "))
     hand = load_hand(whole.source, root="left_wrist")
     assert hand.joint_names == ("left_slide",) and hand.palm == "left_palm"
+
+
+def test_an_arm_on_a_robot_with_legs_is_told_apart(tmp_path):
+    """The legs part at the body, as fingers do at a palm; an arm with one jaw starts there, too."""
+    parts = [link("body", 10, "box 0.8 0.2 0.15")]
+    for i, (x, y) in enumerate(((0.3, 0.1), (0.3, -0.1), (-0.3, 0.1), (-0.3, -0.1))):
+        last = "body"
+        for part, z in (("hip", "0"), ("thigh", "0.05"), ("shin", "0.3")):
+            at = f"{x} {y} 0" if last == "body" else f"0 0 -{z}"
+            parts += [
+                link(f"{part}{i}", 1, "cylinder 0.03 0.3", "0 0 -0.15"),
+                joint(f"{part}{i}_joint", last, f"{part}{i}", at, "0 1 0", "-1 1 40 9"),
+            ]
+            last = f"{part}{i}"
+    last = "body"
+    for i in range(7):
+        parts += [
+            link(f"arm{i}", 0.5, "cylinder 0.03 0.15", "0 0 0.07"),
+            joint(f"arm{i}_joint", last, f"arm{i}", "0 0 0.15", "0 1 0", "-1 1 40 9"),
+        ]
+        last = f"arm{i}"
+    whole = load_hand(write(tmp_path, robot("spot", *parts)))
+    (note,) = (note for note in whole.notes if note.startswith(ON_ROOT))
+    assert "7 joints" in note and "root='arm5'" in note
+    assert load_hand(whole.source, root="arm5").joint_names == ("arm6_joint",)
 
 
 def test_an_arm_with_one_jaw_is_told_apart(tmp_path):

@@ -438,3 +438,115 @@ def test_broken_package_files_name_no_package(tmp_path, content):
     path.write_text(including("$(find hand_description)/part.xacro"))
     with pytest.raises(HandNotLoaded, match=r"no package.xml of that name"):
         expand_xacro(path)
+
+
+# -- names that expressions give, mappings, and the work of one expression ---------------------------------------------
+
+
+def described(folder, *, own, **files):
+    """A package like those of robot makers: its YAML file says in which package a mesh is. The xacro file's path."""
+    robots = folder / "ws" / "robots"
+    package(robots / "arm_description", "arm_description", **files)
+    (robots / "arm_description" / "parts.yaml").write_text(
+        "mesh: {package: arm_description, path: meshes/a.stl}\nx: 0.25"
+    )
+    package(robots / "tool_description", "tool_description", tool=LINK)
+    path = robots / "arm_description" / "arm.urdf.xacro"
+    path.write_text(f"{HEAD}{own}</robot>")
+    return path
+
+
+READ = """<xacro:property name="parts" value="${xacro.load_yaml('$(find arm_description)/parts.yaml')}"/>"""
+
+
+@pytest.mark.parametrize(
+    ("own", "found"),
+    [
+        (
+            READ + """<link name="file://$(find ${parts['mesh']['package']})/${parts['mesh']['path']}"/>""",
+            "arm_description/meshes/a.stl",
+        ),
+        (
+            """<xacro:property name="p" value="arm"/><link name="$(find ${p + '_description'})"/>""",
+            "robots/arm_description",
+        ),
+        (
+            """<xacro:property name="d" value="${dict(a=1, b='two', c=[3])}"/><link name="${d['b']}${d['c'][0]}"/>""",
+            "two3",
+        ),
+        (
+            '<xacro:arg name="one" default="yes"/><xacro:property name="n" value="one"/><link name="$(arg ${n})"/>',
+            "yes",
+        ),
+        (
+            """<xacro:property name="p" value="tool"/><xacro:include filename="$(find ${p}_description)/tool.xacro"/>""",
+            "from_the_package",
+        ),
+    ],
+)
+def test_names_may_come_out_of_expressions(tmp_path, own, found):
+    path = described(tmp_path, own=own)
+    text = expand_xacro(path)
+    assert found in text and text == expand_xacro(path, trusted=True)
+
+
+@pytest.mark.parametrize(
+    "own",
+    [
+        """<link name="$(find ${'../../..'})"/>""",
+        """<link name="$(${'env'} HOME)"/>""",
+        """<link name="$(env ${'HOME'})"/>""",
+        """<link name="$(find ${open('/etc/passwd').read()})"/>""",
+        """<link name="${dict.__class__}"/>""",
+        """<link name="${dict([(1, 2)])}"/>""",
+        """<link name="${dict(**{})}"/>""",
+        """<xacro:property name="p" value="/etc/passwd"/><xacro:include filename="${p}"/>""",
+        """<xacro:property name="p" value="arm"/><xacro:include filename="$(find ${p}_description)/../../../s.xacro"/>""",
+    ],
+)
+def test_names_out_of_expressions_lead_nowhere_else(tmp_path, own):
+    (tmp_path / "s.xacro").write_text(LINK)
+    with pytest.raises(HandNotLoaded):
+        expand_xacro(described(tmp_path, own=own))
+
+
+def test_a_file_of_data_that_is_missing_does_not_ask_for_trust(tmp_path):
+    own = """<xacro:arg name="kind" default="big"/><link name="${load_yaml('$(arg kind).yaml')['x']}"/>"""
+    with pytest.raises(HandNotLoaded, match=r"big\.yaml.*xacro_args=") as caught:
+        expand_xacro(described(tmp_path, own=own))
+    assert "trusted" not in str(caught.value)
+
+
+LARGE = "[3**600]*4900+[3**600]*4900"
+
+
+@pytest.mark.parametrize(
+    ("before", "expression"),
+    [
+        ("", f"math.prod({LARGE})"),
+        ("", f"str(math.prod({LARGE}))[0]"),
+        ("", f"max(math.prod({LARGE}), 1)"),
+        ("", f"math.prod([-1]+{LARGE})"),
+        (LARGE, "math.prod(l)"),
+        (LARGE, "1 if math.prod(l) == 1 else 2"),
+        ("[0]*4900+[0]*4900", "[" + ",".join(["l==l"] * 2400) + "]"),
+        ("[0]*4900+[0]*4900", "len([" + ",".join(["l*1"] * 2400) + "])"),
+        ("[0]*4900+[0]*4900", "+".join(["max(l)"] * 1300)),
+        ("[2**1000]*3000", "len(" + "+".join(["str(l)"] * 1200) + ")"),
+        ("'ab'*4900", "len(" + "+".join(["l.split('a')"] * 600) + ")"),
+        ("", "math.lcm(" + ",".join(f"{p}**400" for p in (2, 3, 5, 7, 11, 13, 17, 19, 23)) + ")"),
+    ],
+)
+def test_one_expression_has_a_bound_on_its_work(tmp_path, before, expression):
+    given = f'<xacro:property name="l" value="${{{before}}}"/>' if before else ""
+    start = time.process_time()
+    with pytest.raises(HandNotLoaded):
+        expand_xacro(write(tmp_path, f'{given}<link name="${{{expression}}}"/>'))
+    assert time.process_time() - start < 3  # minutes, or half a minute, if nobody looks
+
+
+def test_products_and_multiples_are_those_of_python(tmp_path):
+    text = expand_xacro(
+        write(tmp_path, '<link name="${math.prod([2, 3.5, -4])} ${math.lcm(4, 6, 10)} ${math.prod([])}"/>')
+    )
+    assert 'name="-28.0 60 1"' in text
