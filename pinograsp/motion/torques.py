@@ -19,6 +19,7 @@ DRY_FRICTION = (
     0.05  # share of the contacts' torques that tendons and joints bear by their friction, which is mostly more
 )
 _NONE = 1e-9  # [m] arms of contacts that load no joint
+_ROUNDING = 1e-3  # of a limit that torques lie on
 _STEP = 1e-4  # [rad or m]: of central differences, exact to its square
 
 
@@ -104,6 +105,16 @@ def drives_limit(hand: HandModel) -> Array:
         driven += np.where(arms > 0, arms * drive.limit if np.isfinite(drive.limit) else np.inf, 0.0)
     least: Array = np.minimum(hand.effort_or_infinity, np.where(driven > 0, driven, np.inf))
     return least
+
+
+def beyond_limits(hand: HandModel, torques: Array) -> dict[str, str]:
+    """In words, by joint, where ``torques`` (m, n) [N m or N] pass what the joints or their drives can do."""
+    peaks, limits, slides = np.abs(torques).max(axis=0), drives_limit(hand), hand.slides
+    return {
+        joint: f"{joint} needs up to {peak:.3g} {unit}, more than its effort limit of {limit:g} {unit}"
+        for joint, peak, limit, unit in zip(hand.joint_names, peaks, limits, np.where(slides, "N", "N m"))
+        if peak > limit * (1 + _ROUNDING)
+    }
 
 
 def torques_matter(hand: HandModel, limit: Array | None) -> bool:

@@ -25,7 +25,7 @@ from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_p
 from pinograsp.motion.grasp_ik import FingerMotion, press_all
 from pinograsp.motion.jacobian import contact_jacobian
 from pinograsp.motion.surfaces import TRACKED, ClosedPress, off_path, press_closed, press_surfaces, pressing_along
-from pinograsp.motion.torques import contact_torques, finger_dynamics, inverse_dynamics
+from pinograsp.motion.torques import beyond_limits, contact_torques, finger_dynamics, inverse_dynamics
 from pinograsp.plan import Motion
 from pinograsp.spatial import Array, BoolArray
 
@@ -389,6 +389,7 @@ class _Planning:
         moving = (np.vstack([path.q, path.q[-1:]]), np.vstack([path.dq, still]), np.vstack([path.ddq, still]))
         total = inverse_dynamics(hand, *moving, gravity_o=gravity_o)
         total, holding = total[:-1] + self.contact_torques, total[-1] + self.contact_torques[-1]
+        self.notes += beyond_limits(hand, np.vstack([total, holding])).values()
         planned = self.problem.compliance.normal_force(self.profile.final_depth)
         status = Status.OK if self.clear else Status.EARLY_CONTACT
         status = status if self.within_limits else Status.JOINT_LIMIT

@@ -61,6 +61,8 @@ def assembled(
         motion = _in_doubt(hand, solution, motion, reserve.force)
     closed = () if closure is None else closure.notes
     changed = () if problem.object is None else tuple(f"object: {note}" for note in problem.object.notes)
+    cautions = _cautions(hand, solution, motion, 0.0 if reserve is None else reserve.force)
+    others = [note for note in motion.notes if note not in cautions]
     return GraspPlan(
         layout=Layout(
             hand=hand.name,
@@ -93,8 +95,8 @@ def assembled(
         torque_limit=read_only(drives_limit(hand) if problem.torques is None else problem.torques.limit),
         forces=_forces(solution, motion),
         motion=motion,
-        cautions=_cautions(hand, solution, motion, 0.0 if reserve is None else reserve.force),
-        notes=(*motion.notes, *closed, *changed, *notes, *drive_notes(hand, motion)),
+        cautions=cautions,
+        notes=(*others, *closed, *changed, *notes, *drive_notes(hand, motion)),
         closing=None if closure is None else closure.summary(),
         elapsed=elapsed,
         versions=_versions(solution.backend),

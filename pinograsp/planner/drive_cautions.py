@@ -10,7 +10,7 @@ from pinograsp.forces import ForceSolution
 from pinograsp.hands import HandModel
 from pinograsp.hands.efforts import SHORTFALL, below_steps, solve_efforts
 from pinograsp.hands.servos import unknown_stiffness
-from pinograsp.motion.torques import drives_limit
+from pinograsp.motion.torques import beyond_limits, drives_limit
 from pinograsp.plan import Motion
 from pinograsp.spatial import Array
 
@@ -48,7 +48,7 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
     stiffness = [drive.stiffness if drive.control == "position" else None for drive in hand.drives]
     yield from below_steps(hand, held, np.array(stiffness, dtype=float))
     yield from _too_fast(hand, motion)
-    yield from _near_limits(hand, solution, motion, np.abs(torques).max(axis=0))
+    yield from _near_limits(hand, solution, motion, torques)
 
 
 def find_wrong_way(hand: HandModel, motion: Motion) -> str:
@@ -93,25 +93,22 @@ def _too_fast(hand: HandModel, motion: Motion) -> Iterator[str]:
         )
 
 
-def _near_limits(hand: HandModel, solution: ForceSolution, motion: Motion, peaks: Array) -> Iterator[str]:
-    """Joints beyond their own limits or near those of the plan; ``peaks``: largest |torques| of the motion (n,)."""
-    own, held = drives_limit(hand), np.abs(motion.holding_torques)
+def _near_limits(hand: HandModel, solution: ForceSolution, motion: Motion, torques: Array) -> Iterator[str]:
+    """Joints whose ``torques`` (m, n) pass their own limits, or that hold near those of the plan or near a guess."""
+    own, held, beyond = drives_limit(hand), np.abs(motion.holding_torques), beyond_limits(hand, torques)
     planned = own if solution.problem.torques is None else solution.problem.torques.limit
-    guessed = {
-        joint for drive in hand.drives if (source := drive.source("limit")) and source.guess for joint in drive.joints
-    }
-    for j, joint in enumerate(hand.joint_names):
-        share, unit = held[j] / planned[j], _unit(hand, j)
-        if held[j] > own[j] * (1 + _ROUNDING):
-            yield f"{joint} holds with {held[j]:.3g} {unit}, more than its limit of {own[j]:g} {unit}"
-        elif peaks[j] > own[j] * (1 + _ROUNDING):
-            yield f"{joint} needs up to {peaks[j]:.3g} {unit} on the way, more than its limit of {own[j]:g} {unit}"
-        elif share > _LABOURS * (1 + _ROUNDING):
-            yield f"{joint} holds with {100 * share:.0f} % of its torque limit"
-        elif joint in guessed and held[j] > _GUESSED * own[j]:
+    sources = ((drive.joints, drive.source("limit")) for drive in hand.drives)
+    guessed = {joint for joints, source in sources if source is not None and source.guess for joint in joints}
+    yield from beyond.values()
+    for joint, torque, limit, most in zip(hand.joint_names, held, planned, own):
+        if joint in beyond:
+            continue
+        if torque > _LABOURS * (1 + _ROUNDING) * limit:
+            yield f"{joint} holds with {100 * torque / limit:.0f} % of its torque limit"
+        elif joint in guessed and torque > _GUESSED * most:
             yield (
-                f"{joint} holds with {100 * held[j] / own[j]:.0f} % of a limit that is a guess, which may be more "
-                "than its motor makes"
+                f"{joint} holds with {100 * torque / most:.0f} % of a limit that is a guess, which may be more than "
+                "its motor makes"
             )
 
 
