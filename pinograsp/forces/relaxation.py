@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -66,7 +66,8 @@ _FACTORS = ("softer", "stiffer")  # of which 1 is nothing
 _SOME = 4  # joints that are named one by one
 
 
-class Setup(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
     """What is to be planned.
 
     Attributes:
@@ -101,13 +102,13 @@ class Relaxation:
         if self.limit in _PARTS and reserve is not None:
             part = _PARTS[self.limit]
             nothing = _nothing(self.limit)
-            return setup._replace(reserve=replace(reserve, **{part: nothing + (getattr(reserve, part) - nothing) / f}))
+            return replace(setup, reserve=replace(reserve, **{part: nothing + (getattr(reserve, part) - nothing) / f}))
         if self.limit == "torque_limit":
             limit = None if setup.limit is None else self._raised(setup.limit)
             torques = problem.torques
             if torques is not None:
                 changed["torques"] = replace(torques, limit=self._raised(torques.limit))
-            return setup._replace(problem=replace(problem, **changed), limit=limit)
+            return replace(setup, problem=replace(problem, **changed), limit=limit)
         if self.limit == "mass":
             changed["load"] = problem.load / f
             if (body := problem.object) is not None:
@@ -126,7 +127,7 @@ class Relaxation:
             changed["min_normal_force"] = problem.min_normal_force / f if problem.min_normal_force is not None else None
         else:
             changed[self.limit] = getattr(problem, self.limit) * f
-        return setup._replace(problem=replace(problem, **changed))
+        return replace(setup, problem=replace(problem, **changed))
 
     def _raised(self, limit: Array) -> Array:
         factors = np.full(len(limit), 1.0 if self.joints else self.factor)

@@ -278,7 +278,7 @@ class GraspTask:
     def attempt(self) -> GraspPlan:
         """Forces, then motion."""
         hand, choices = self.hand, self.choices
-        problem, reserve, limit = self.setup
+        problem, reserve, limit = self.setup.problem, self.setup.reserve, self.setup.limit
         kept = None
         if reserve is not None:
             if choices.search != "convex" or choices.solver not in ("auto", "clarabel"):

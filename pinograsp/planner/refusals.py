@@ -91,7 +91,7 @@ def _with_torques(hand: HandModel, problem: ForceProblem, setup: Setup) -> Setup
     if problem.torques is None and posture is not None and torques_matter(hand, setup.limit):
         limits = torque_limits(hand, problem.contacts, posture, limit=setup.limit, gravity_o=problem.gravity_o)
         problem = replace(problem, torques=limits)
-    return setup._replace(problem=problem)
+    return replace(setup, problem=problem)
 
 
 def _options(hand: HandModel, setup: Setup, searched: Setup, plan: Callable[[Setup], GraspPlan]) -> list[Option]:
@@ -215,7 +215,7 @@ def refuse_failure(forces: _Solution, why: Callable[[_Solution], str]) -> None:
     if forces.status is Status.INFEASIBLE:
         raise GraspInfeasible(why(forces), forces)
     kind = SearchInterrupted if forces.status is Status.INTERRUPTED else GraspUndecided
-    raise kind(f"no grasp found, and none is ruled out ({forces.status})", forces)
+    raise kind(f"no grasp found, and none is ruled out ({forces.status}): nothing is proven", forces)
 
 
 def rejections(forces: GridSolution) -> str:

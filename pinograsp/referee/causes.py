@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.forces import Reserve
 from pinograsp.referee.sample import History
 from pinograsp.referee.settings import Disturbance, Servo
 from pinograsp.referee.task import Task
@@ -175,7 +174,7 @@ def _planned_for(task: Task, disturbance: Disturbance) -> str:
     mass = factor * body.mass
     changes = [f"mass={mass:.3g} kg, not {body.mass:.3g} kg"] if factor != 1.0 else []
     changes += [f"mu={mu:.3g}, not {task.mu.min():.3g}"] if mu is not None and mu < task.mu.min() else []
-    arm = Reserve().arm(body)
+    arm = float(np.sqrt(np.linalg.eigvalsh(body.inertia_b)[-1] / body.mass))  # by which its mass resists turning
     forces = [np.linalg.norm(one.wrench_o[:3]) + np.linalg.norm(one.wrench_o[3:]) / arm for one in disturbance.pushes]
     carried = 0.0 if disturbance.base_motion is None else np.abs(disturbance.base_motion.accelerations).max(initial=0.0)
     force = max(forces, default=0.0) + mass * float(np.linalg.norm(disturbance.shake) + carried)

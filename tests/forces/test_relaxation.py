@@ -76,7 +76,7 @@ def test_a_limit_in_the_way_is_named_with_what_would_do(jaws, limit, given, shar
 def test_only_the_joints_that_are_too_weak_are_named(jaws):
     setup = jaws(effort=1.5 * NEEDED)
     limit = np.array([1.5 * NEEDED, 0.25 * NEEDED])
-    weak = setup._replace(problem=replace(setup.problem, torques=replace(setup.problem.torques, limit=limit)))
+    weak = replace(setup, problem=replace(setup.problem, torques=replace(setup.problem.torques, limit=limit)))
     (raised,) = next(option for option in relaxations_of(weak, forces_exist) if option[0].limit == "torque_limit")
     assert raised.joints == (1,) and raised.factor == pytest.approx(4.0, rel=SHARP)
     words = raised.words(weak, [True, True])

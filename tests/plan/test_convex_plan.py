@@ -107,7 +107,7 @@ def test_infeasible_plan_says_why(hand, make_problem):
     for words in (
         "proven",
         "friction limit: thumb, index, middle",
-        "smallest friction coefficient that would do is 0.40",
+        "friction coefficient (mu): at least 0.4",
     ):
         assert words in text
     assert caught.value.solution.infeasibility.margin > 0
@@ -132,7 +132,7 @@ def test_command_keeps_the_proof(command, tmp_path):
     changes = ("--set", "friction.mu=0.2", "--set", "friction.safety=1")
     code, out, err = command("plan", "paper", "--search", "convex", *changes, "--out", "why")
     assert code == 3 and out == "" and "Traceback" not in err
-    assert "smallest friction coefficient" in err and "the proof is written to why" in err
+    assert "(mu): at least 0.4" in err and "the proof is written to why" in err
     run = read_run(tmp_path / "why")
     assert run.status is Status.INFEASIBLE and run.proof.margin > 0 and run.contacts == ("thumb", "index", "middle")
     with pytest.raises(InvalidInput, match="holds no plan, its search found none .infeasible."):

@@ -75,8 +75,9 @@ def test_torque_control_needs_no_more_on_other_contacts():
 
 
 def test_stiffness_that_no_squeeze_bears_is_told():
-    with pytest.raises(GraspUndecided, match="servos of 500 to 500 N m/rad .* softer servos"):
+    with pytest.raises(GraspUndecided, match="servos of 500 to 500 N m/rad") as refused:
         planned(500.0, pg.Reserve(softer=1.0, stiffer=1000.0))
+    assert "Reserve(stiffer=" in str(refused.value)
 
 
 @pytest.mark.slow
