@@ -329,7 +329,7 @@ class Base(Section):
     folder: str
     data: dict[str, Any]
     always: dict[str, Any]
-    files: dict[str, str] = Field({})
+    files: dict[str, str] = Field(default_factory=dict)
 
     def case(self, inputs: dict[str, Any]) -> HeldCase | ObjectCase:
         """The case of one row.

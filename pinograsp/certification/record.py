@@ -214,7 +214,7 @@ class Certificates:
         """How far off the nearest link is."""
         return f"the nearest is {1e3 * gap:.2g} mm off{' or more' * (gap >= FAR_OFF)}" if gap > 0 else ""
 
-    def _number(self, i: object) -> int:
+    def _number(self, i: int) -> int:
         return integer("number of the grasp", i, at_least=-len(self), at_most=len(self) - 1)
 
     def _drives(self) -> str:

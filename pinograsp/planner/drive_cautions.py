@@ -59,8 +59,8 @@ def find_wrong_way(hand: HandModel, motion: Motion) -> str:
         if drive.efforts is not None and not drive.efforts[0] - slack <= effort <= drive.efforts[1] + slack:
             least, most = drive.efforts
             return (
-                f"drive {drive.name} would have to hold with {effort:.3g}, and makes {least:g} to {most:g}: it acts one "
-                "way more than the other. If it can do more than its description says, give drives=[Drive(...)]"
+                f"drive {drive.name} would have to hold with {effort:.3g}, and makes {least:g} to {most:g}: if it can "
+                "do more than its description says, give drives=[Drive(...)]"
             )
     return ""
 
