@@ -186,7 +186,7 @@ class Certificates:
         }.get(reason, "")
         return f"{reason.words} ({figure})" if figure else reason.words
 
-    def _number(self, i: object) -> int:
+    def _number(self, i: int) -> int:
         return integer("number of the grasp", i, at_least=-len(self), at_most=len(self) - 1)
 
     def _drives(self) -> str:

@@ -3,10 +3,10 @@
 Layout as of NVIDIA's documentation of Isaac Sim's Grasp Editor and of Isaac ROS, ``grasp_gen/dataset/eval_utils.py`` of
 NVlabs/GraspGen and the documentation of NVlabs/GraspDataGen: ``format: isaac_grasp``, ``format_version: 1.0`` (or
 ``"1.0"``), and ``grasps`` {name: {``confidence``, ``position`` [m] and ``orientation`` {``w``, ``xyz``} of the
-gripper's frame in the object's, ``cspace_position`` and ``pregrasp_cspace_position`` {joint: value}}}. What the object is called
-stands under ``object_frame`` (``object_frame_link`` of the Grasp Editor), the gripper under ``gripper_frame``
-(``gripper_frame_link``): remarks for people. GraspDataGen has ``object_file``, ``object_scale`` and ``gripper_file``
-instead, and GraspGen's export neither.
+gripper's frame in the object's, ``cspace_position`` and ``pregrasp_cspace_position`` {joint: value}}}.
+What the object is called stands under ``object_frame`` (``object_frame_link`` of the Grasp Editor), the gripper under
+``gripper_frame`` (``gripper_frame_link``): remarks for people. GraspDataGen has ``object_file``, ``object_scale`` and
+``gripper_file`` instead, and GraspGen's export neither.
 """
 
 from __future__ import annotations
