@@ -213,7 +213,7 @@ class SweepSpec(Section):
         always = {key: value for key, value in self.set.items() if key == IMPACT_TIME}
         start = self._case_start(fixed) if self.object is None else self._object_start(self.object, fixed)
         kind: Literal["case", "object"] = "case" if self.object is None else "object"
-        base = Base(kind=kind, what=self.what, folder=start.folder, data=start.data, always=always)
+        base = Base(kind=kind, what=self.what, folder=start.folder, data=start.data, always=always, files={})
         for key, values in self.inputs.items():
             if key not in start.known and key != IMPACT_TIME:
                 self._known(base, key, values[0], start.known)

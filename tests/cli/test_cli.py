@@ -770,3 +770,20 @@ def test_no_file_lets_its_hand_run_code(command, tmp_path):
     )
     code, _, err = command("sweep", str(tmp_path / "sweep.yaml"), "--out", str(tmp_path / "out"))
     assert code == 2 and "no file can say so itself" in err
+
+
+@pytest.mark.parametrize(
+    ("key", "near"),
+    [
+        ("frictoin.mu", "friction"),
+        ("friction.mue", "mu"),
+        ("object.mas", "mass"),
+        ("limits.final_tme", "final_time"),
+        ("motion.sampels", "samples"),
+        ("contacts.0.finge", "finger"),
+        ("compliance.stifness", "stiffness"),
+    ],
+)
+def test_unknown_keys_of_a_case_come_with_the_nearest(key, near):
+    with pytest.raises(CaseRejected, match=f"did you mean '{near}'"):
+        load_case("paper", {key: 1})

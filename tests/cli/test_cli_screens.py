@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -272,3 +273,16 @@ def test_examples_of_the_help_work_when_typed(tmp_path, often, commands):
         line = line.replace("--monte-carlo 5", f"--monte-carlo {often(5)}")
         done = subprocess.run(["bash", "-c", begin + line], cwd=tmp_path, capture_output=True, text=True, timeout=900)
         assert done.returncode == 0, (line, done.stdout, done.stderr)
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["hands"], ["hands", "--json"], ["plan", "nothing", "--json"]], ids=" ".join
+)
+def test_a_pipe_that_nobody_reads_ends_a_command_without_a_word(arguments):
+    """As the shell tells of other tools: 128 and the number of SIGPIPE."""
+    end, other = os.pipe()
+    os.close(end)
+    script = [sys.executable, "-m", "pinograsp.cli", *arguments]
+    done = subprocess.run(script, stdout=other, stderr=subprocess.PIPE, timeout=60)
+    os.close(other)
+    assert (done.returncode, done.stderr) == (141, b"")

@@ -8,6 +8,7 @@ import os
 import pickle
 import resource
 import struct
+import time
 import zipfile
 from pathlib import Path
 
@@ -482,3 +483,59 @@ def test_hdf5_links_are_not_followed(tmp_path, canary):
         del h5["grasps/transforms"]
         h5.create_dataset("grasps/transforms", (5, 4, 4), "f8", external=[(str(tmp_path / "secret.h5"), 0, 640)])
     refused(path, "another file")
+
+
+def empty_array(shape):
+    """Opcodes of an array of that shape without any bytes."""
+    sizes = b"".join(b"\x8a\x08" + size.to_bytes(8, "little") for size in shape)
+    kind = b"cnumpy\ndtype\nX\x02\x00\x00\x00f8\x89\x88\x87R"
+    made = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85C\x01b\x87R"
+    return made + b"(K\x01(" + sizes + b"t" + kind + b"\x89C\x00tb"
+
+
+@pytest.mark.parametrize("shape", [(2**38, 0), (0, 2**36), (1, 2**37, 0), (2**20, 2**19, 0)])
+def test_an_array_without_numbers_has_no_rows_either(shape, tmp_path):
+    body = b"}X\x05\x00\x00\x00trans" + empty_array(shape) + b"s."
+    refused(write(tmp_path, NPY + body), "bytes of arrays")
+
+
+@pytest.mark.parametrize("key", [0, 1, 5, -7])
+def test_keys_of_one_hash_do_not_take_for_ever(key, tmp_path):
+    """Integers that differ by 2**61 - 1 have the same hash; a dict of so many takes minutes."""
+    keys = (pickle.encode_long((2**61 - 1) * (i + 2) + key) for i in range(30_000))
+    body = b"}(" + b"".join(b"\x8a" + bytes([len(one)]) + one + b"N" for one in keys) + b"u."
+    begun = time.process_time()
+    refused(write(tmp_path, NPY + body), "as a key")
+    assert time.process_time() - begun < 2
+
+
+def test_rows_that_are_one_row_again_and_again_are_not_read(tmp_path):
+    row = grasp_files.dexgraspnet_rows(grasp_files.some_grasps(n=1, d=22))[0]
+    many = b"](" + pickle.dumps(row, protocol=2)[2:-1] + b"r\xff\x00\x00\x00"
+    refused(write(tmp_path, NPY + many + b"j\xff\x00\x00\x00" * 200_000 + b"e."), "values in")
+
+
+@pytest.mark.parametrize("name", ["\x1b[2J", "a\nb", "\u202eabc", "x" * 5000])
+def test_names_of_a_file_neither_steer_nor_fill_the_screen(name, tmp_path):
+    g = grasp_files.some_grasps()
+    document = grasp_files.bodex(g, [f"joint_{i}.0" for i in range(16)])
+    for key, value in (("manip_name", [name]), ("joint_names", [name, *document["joint_names"][1:]]), (name, 1)):
+        changed = {key: value} if key == name else {**document, key: value}
+        _, error = refused(grasp_files.npy(tmp_path / "a.npy", changed), "expected")
+        assert str(error).isprintable() and len(str(error)) < 1200
+
+
+def test_numbers_that_are_not_in_an_hdf5_file_are_refused(tmp_path):
+    import h5py
+
+    path = grasp_files.acronym(tmp_path / "a.h5", grasp_files.some_grasps())
+    with h5py.File(path, "a") as h5:
+        del h5["grasps/transforms"]
+        h5.create_dataset("grasps/transforms", shape=(20_000, 4, 4), dtype="f8", chunks=(64, 4, 4), fillvalue=1.0)
+        h5["padding"] = np.random.default_rng(0).random(200_000)
+    refused(path, "so few bytes")
+
+
+def test_a_pipe_is_no_file_of_grasps(tmp_path):
+    os.mkfifo(tmp_path / "a.json")
+    refused(tmp_path / "a.json", "expected a file, got a pipe")

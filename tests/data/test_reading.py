@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 
 import grasp_files
 import numpy as np
 import pytest
+import yaml
 
 import pinograsp as pg
 from pinograsp.data import FORMATS, joined, read_grasps, write_grasps
@@ -327,3 +329,45 @@ def test_a_folder_an_empty_file_and_no_file_are_told(tmp_path):
         with pytest.raises(GraspsNotRead, match=message) as caught:
             next(read_grasps(path))
         assert isinstance(caught.value, pg.PinograspError) and caught.value.source == str(path)
+
+
+@pytest.mark.parametrize(
+    ("more", "object_name", "hand_name", "scale"),
+    [
+        ({"object_frame": "/World/mug", "gripper_frame": "/World/hand"}, "/World/mug", "/World/hand", 1.0),
+        ({"object_frame_link": "/World/mug", "gripper_frame_link": "/W/h"}, "/World/mug", "/W/h", 1.0),
+        (
+            {"object_file": "objects/mug.obj", "object_scale": 0.5, "gripper_file": "h.usd"},
+            "objects/mug.obj",
+            "h.usd",
+            0.5,
+        ),
+        ({"format_version": "1.0"}, "", "", 1.0),
+        ({"object_frame": None}, "", "", 1.0),
+    ],
+)
+def test_the_spellings_of_isaac_grasp_files(more, object_name, hand_name, scale, tmp_path):
+    """As of Isaac ROS, Isaac Sim's Grasp Editor, GraspDataGen and GraspGen."""
+    g = grasp_files.some_grasps(n=3)
+    document = grasp_files.isaac_document(g)
+    for name in ("object_frame", "gripper_frame"):
+        del document[name]
+    document |= more
+    for grasp in document["grasps"].values():
+        grasp.pop("confidence")
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+    rows = joined(read_grasps(tmp_path / "a.yaml"))
+    assert (rows.object_name, rows.hand_name, rows.scale.tolist()) == (object_name, hand_name, [scale] * 3)
+    np.testing.assert_allclose(rows.poses, g.poses, atol=1e-12)
+    again = joined(read_grasps(write_grasps(tmp_path / "b.yaml", rows)))
+    assert again.scale.tolist() == [scale] * 3 and again.object_name == object_name
+
+
+def test_graspgen_files_of_the_published_data_set(tmp_path):
+    """They name no object, and have a column of truth values."""
+    g = grasp_files.some_grasps(n=4)
+    grasps = {"transforms": g.poses.tolist(), "object_in_gripper": [[True], [False], [True], [True]]}
+    (tmp_path / "7a321a5d.json").write_text(json.dumps({"object": {"scale": 0.7}, "grasps": grasps}))
+    rows = joined(read_grasps(tmp_path / "7a321a5d.json"))
+    assert rows.object_name == "" and rows.labels["object_in_gripper"].tolist() == [True, False, True, True]
+    assert joined(read_grasps(write_grasps(tmp_path / "b.json", rows))).object_name == ""

@@ -306,3 +306,176 @@ def test_a_cluster_does_the_same(world, tmp_path):
             data_of(world), tmp_path / "out", CONDITIONS, backend="dask", scheduler=address, progress=False
         )
     assert not done.faults and done.table()["code"].to_pylist() == world["expected"].reason.tolist()
+
+
+def panda_files(folder, names=("a", "c"), shift=0.0, count=3):
+    """Grasps of a box by a Panda hand, in files as GraspGen writes them, and the box's mesh."""
+    (folder / "grasps").mkdir(exist_ok=True)
+    (folder / "meshes").mkdir(exist_ok=True)
+    if not (folder / "meshes" / "box.obj").exists():
+        trimesh.creation.box((0.03, 0.04, 0.08)).export(folder / "meshes" / "box.obj")
+    pose = pg.spatial.pose_of([shift, 0, 0.13], np.diag([1.0, -1.0, -1.0]))
+    about = {"file": "box.obj", "scale": 1.0}
+    grasps = {"transforms": [pose.tolist()] * count, "object_in_gripper": [True] * count}
+    for name in names:
+        (folder / "grasps" / f"{name}.json").write_text(json.dumps({"object": about, "grasps": grasps}))
+    return [folder / "grasps" / f"{name}.json" for name in names]
+
+
+def certified_by_panda(folder, files, out="out", **more):
+    given = {"hand": pg.load_hand("panda"), "objects": folder / "meshes", "mass": 0.1, "convention": "panda_graspgen"}
+    return certify_files(DataSet(files=files, **(given | more)), folder / out, CONDITIONS, jobs=1, progress=False)
+
+
+def test_rows_of_changed_grasps_are_computed_again_and_those_of_others_kept(tmp_path):
+    files = panda_files(tmp_path)
+    first = certified_by_panda(tmp_path, files)
+    assert first.counts == {"held": 6} and not first.changed
+    # The same content: no change.
+    files[0].write_bytes(files[0].read_bytes())
+    (tmp_path / "copy").write_bytes((tmp_path / "meshes" / "box.obj").read_bytes())
+    (tmp_path / "copy").replace(tmp_path / "meshes" / "box.obj")
+    assert certified_by_panda(tmp_path, files).changed == ()
+    panda_files(tmp_path, names=["a"], shift=0.2, count=2)
+    again = certified_by_panda(tmp_path, files)
+    assert again.changed == (str(files[0]),)
+    fresh = certified_by_panda(tmp_path, files, "fresh")
+    assert again.counts == fresh.counts and again.counts["held"] == 3 and again.rows == 5
+    assert again.table().equals(fresh.table())
+
+
+@pytest.mark.parametrize("kind", ["mesh", "decomposition", "urdf"])
+def test_rows_of_a_changed_object_are_computed_again(tmp_path, kind):
+    """Also in one process, which keeps objects; of a box too wide for the jaws no grasp holds."""
+    files = panda_files(tmp_path, names=["a"], count=2)
+    meshes = tmp_path / "meshes"
+    path = meshes / "box.obj"
+    if kind == "decomposition":
+        path.unlink()
+        path = meshes / "box" / "coacd" / "decomposed.obj"
+        path.parent.mkdir(parents=True)
+    elif kind == "urdf":
+        path.rename(path := meshes / "part.obj")
+        text = '<robot name="b"><link name="b"><collision><geometry><mesh filename="part.obj"/></geometry></collision>'
+        (meshes / "box.urdf").write_text(f"{text}</link></robot>")
+        files[0].write_text(files[0].read_text().replace("box.obj", "box.urdf"))
+    trimesh.creation.box((0.03, 0.04, 0.08)).export(path)
+    assert certified_by_panda(tmp_path, files).counts == {"held": 2}
+    trimesh.creation.box((0.15, 0.04, 0.08)).export(path)
+    again = certified_by_panda(tmp_path, files)
+    assert again.changed == (str(files[0]),) and "held" not in again.counts and again.rows == 2
+
+
+def test_a_fault_is_tried_again_once_its_file_or_its_object_is_there(tmp_path):
+    files = panda_files(tmp_path)
+    whole = files[0].read_bytes()
+    files[0].write_bytes(whole[:40])
+    (tmp_path / "meshes" / "box.obj").rename(tmp_path / "box.obj")
+    assert set(certified_by_panda(tmp_path, files).faults) == {str(file) for file in files}
+    (tmp_path / "box.obj").rename(tmp_path / "meshes" / "box.obj")
+    done = certified_by_panda(tmp_path, files)
+    assert done.counts["held"] == 3 and list(done.faults) == [str(files[0])]
+    files[0].write_bytes(whole)
+    done = certified_by_panda(tmp_path, files)
+    assert done.counts == {"held": 6} and not done.faults
+
+
+@pytest.mark.parametrize("change", ["hand", "mass", "conditions", "version"])
+def test_what_all_rows_rest_on_makes_another_certification_which_is_named(tmp_path, change):
+    files = panda_files(tmp_path, names=["a"])
+    certified_by_panda(tmp_path, files)
+    hand = pg.load_hand("panda")
+    if change == "version":
+        path = tmp_path / "out" / "_manifest.json"
+        path.write_text(path.read_text().replace('"pinograsp": "', '"pinograsp": "0.0.1+'))
+        change = "0.0.1"
+    if change == "hand":
+        joint = hand.joint_names[0]
+        hand = hand.with_limits({joint: (0.0, 0.9 * float(hand.upper[0]))})
+    with pytest.raises(ResultsNotWritten, match=f"holds another certification.*{change}"):
+        data = DataSet(
+            files=files,
+            hand=hand,
+            objects=tmp_path / "meshes",
+            mass=0.2 if change == "mass" else 0.1,
+            convention="panda_graspgen",
+        )
+        mu = 0.5 if change == "conditions" else 0.6
+        certify_files(data, tmp_path / "out", pg.GraspConditions(mu=mu), jobs=1, progress=False)
+
+
+def test_newtons_are_not_written_into_grasps_that_have_changed(tmp_path):
+    files = panda_files(tmp_path)
+    certified_by_panda(tmp_path, files)
+    panda_files(tmp_path, names=["c"], shift=0.01)
+    data = DataSet(
+        files=files, hand=pg.load_hand("panda"), objects=tmp_path / "meshes", mass=0.1, convention="panda_graspgen"
+    )
+    paths, refused = written_back(data, tmp_path / "out", tmp_path / "back")
+    assert [path.name for path in paths] == ["a.json"] and "changed" in refused[str(files[1])]
+
+
+def test_what_is_no_file_is_one_fault_each_and_the_others_are_certified(tmp_path, command):
+    files = panda_files(tmp_path)
+    grasps = tmp_path / "grasps"
+    os.mkfifo(grasps / "b.json")
+    (grasps / "d.json").symlink_to(grasps / "d.json")
+    (grasps / "e.json").symlink_to(tmp_path / "nowhere")
+    empty = np.array({"robot_pose": np.zeros((1, 5, 3, 0)), "joint_names": [], "world_cfg": [], "manip_name": "a"})
+    np.save(grasps / "f.npy", empty, allow_pickle=True)
+    arguments = ["certify", str(grasps), "--hand", "panda", "--objects", str(tmp_path / "meshes"), "--mass", "0.1"]
+    arguments += ["--convention", "panda_graspgen", "--out", str(tmp_path / "out"), "--jobs", "1", "--json"]
+    for _ in range(2):
+        code, out, err = command(*arguments)
+        told = json.loads(out)
+        assert code == 2 and told["status"] == "invalid_input" and told["remedy"] and err == ""
+        assert told["counts"] == {"held": 6, "refused": 4}
+        assert {os.path.basename(file)[0] for file in told["faults"]} == set("bdef")
+    assert "pipe" in told["faults"][str(grasps / "b.json")] and files
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("no more")])
+def test_any_error_in_a_file_is_a_fault_of_it_alone(tmp_path, monkeypatch, error):
+    from pinograsp.sweep import certified
+
+    files = panda_files(tmp_path)
+
+    def read(path, **more):
+        if path == files[0]:
+            raise error
+        return read_grasps(path, **more)
+
+    monkeypatch.setattr(certified, "read_grasps", read)
+    done = certified_by_panda(tmp_path, files)
+    assert list(done.faults) == [str(files[0])] and done.counts["held"] == 3
+
+
+@pytest.mark.parametrize("name", ["part-000001-000001.parquet", "_manifest.json", ".lock"])
+def test_a_pipe_in_the_folder_of_rows_is_told(tmp_path, name):
+    files = panda_files(tmp_path, names=["a"])
+    certified_by_panda(tmp_path, files)
+    (tmp_path / "out" / name).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / "out" / name)
+    with pytest.raises(InvalidInput, match="expected a file"):
+        certified_by_panda(tmp_path, files)
+    if name != ".lock":
+        with pytest.raises(InvalidInput, match="expected a file"):
+            read_certified(tmp_path / "out")
+
+
+def test_grasps_that_name_no_object_are_of_one_of_their_own_name_or_of_the_one_that_is_given(tmp_path):
+    files = panda_files(tmp_path, names=["box", "other"])
+    for file in files:
+        file.write_text(file.read_text().replace('"file": "box.obj", ', ""))
+    done = certified_by_panda(tmp_path, files)
+    assert done.counts["held"] == 3 and "give its file instead of the folder" in done.faults[str(files[1])]
+    done = certified_by_panda(tmp_path, files, "one", objects=tmp_path / "meshes" / "box.obj")
+    assert done.counts == {"held": 6} and not done.faults
+
+
+@pytest.mark.parametrize("files", [5, None, "a.json", [], [3], {}])
+def test_files_of_another_kind_are_refused(world, files):
+    with pytest.raises(InvalidInput, match="files"):
+        data_of(world, files=files) if files is not None else DataSet(
+            files=files, hand=world["hand"], objects=world["objects"], mass=1.0
+        )

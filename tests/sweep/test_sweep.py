@@ -1002,3 +1002,55 @@ def test_missing_extras_are_named(tmp_path):
     lines = without("distributed,pinograsp.core._core_base")
     assert len(lines) == 2, lines
     assert "pip install 'pinograsp[dask]'" in lines[0] and "the compiled core is missing" in lines[1]
+
+
+HAND = """<robot name="h"><link name="palm"/>{}</robot>"""
+FINGER = """<link name="f{0}"><inertial><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0"
+iyz="0"/></inertial><collision><geometry><mesh filename="finger.stl"/></geometry></collision></link><joint name="j{0}"
+type="revolute"><parent link="palm"/><child link="f{0}"/><origin xyz="{0} 0 0.05"/><axis xyz="0 1 0"/><limit lower="-1"
+upper="1" effort="{1}" velocity="1"/></joint>"""
+
+
+def two_fingers(folder, effort=1, width=0.01):
+    import trimesh
+
+    (folder / "hand.urdf").write_text(HAND.format("".join(FINGER.format(i, effort) for i in range(2))))
+    trimesh.creation.box((width, 0.01, 0.04)).export(folder / "finger.stl")
+    trimesh.creation.box((0.03, 0.03, 0.03)).export(folder / "cube.stl")
+
+
+@pytest.mark.parametrize("change", ["hand.urdf", "finger.stl", "cube.stl"])
+def test_a_sweep_of_changed_files_is_another_one_and_names_them(tmp_path, change):
+    import trimesh
+
+    two_fingers(tmp_path)
+    (tmp_path / "sweep.yaml").write_text(
+        'hand: hand.urdf\nobject: "mesh:path=cube.stl,mass=0.1"\nset: {at: [0, 0, 2.0]}\nover: {mu: [0.5, 0.6]}\n'
+    )
+    done = pg.sweep.sweep(tmp_path / "sweep.yaml", tmp_path / "out", jobs=1, progress=False)
+    assert done.done == 2
+    two_fingers(tmp_path)  # the same content once more
+    assert pg.sweep.sweep(tmp_path / "sweep.yaml", tmp_path / "out", jobs=1, progress=False).done == 2
+    if change == "cube.stl":
+        trimesh.creation.box((0.03, 0.03, 0.031)).export(tmp_path / "cube.stl")
+    else:
+        two_fingers(tmp_path, **({"effort": 7} if change == "hand.urdf" else {"width": 0.011}))
+    with pytest.raises(ResultsNotWritten, match=f"another sweep.*{change}"):
+        pg.sweep.sweep(tmp_path / "sweep.yaml", tmp_path / "out", jobs=1, progress=False)
+
+
+def test_a_hand_is_loaded_again_when_one_of_its_files_has_changed(tmp_path):
+    from pinograsp.cases.object_case import ObjectCase
+
+    two_fingers(tmp_path)
+    case = ObjectCase.of(hand="hand.urdf", object="sphere:radius=0.02,mass=0.1", folder=tmp_path)
+    first = case.load_hand()
+    assert case.load_hand() is first
+    two_fingers(tmp_path)
+    assert case.load_hand() is first, "the same content"
+    two_fingers(tmp_path, effort=7)
+    assert case.load_hand().model.effortLimit.tolist() == [7, 7]
+    two_fingers(tmp_path, effort=7, width=0.02)
+    shape = case.load_hand().geometry.geometryObjects[0].geometry
+    shape.computeLocalAABB()
+    assert shape.aabb_local.width() == pytest.approx(0.02)
