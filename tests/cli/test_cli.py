@@ -498,7 +498,7 @@ def test_one_hand_of_the_catalogue_or_a_file(command, tmp_path):
             "lower": 0.0,
             "upper": 0.04,
             "effort_unit": "N",
-            "effort": 60.0,
+            "effort": 120.0,
             "velocity": 0.1,
         }
     ]
