@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
@@ -40,7 +41,7 @@ class Source:
         flag(f"guess of the source of a {self.figure}", self.guess)
         if self.interval is not None:
             ends = floats_of(f"interval of a {self.figure}", self.interval)
-            if ends.shape != (2,) or not 0 <= ends[0] <= ends[1]:
+            if ends.shape != (2,) or not 0 <= ends[0] <= ends[1] < math.inf:
                 raise InvalidInput(
                     f"interval of a {self.figure}: expected the least and the largest value, from 0 on, got "
                     f"{shown(ends.tolist())}"

@@ -486,7 +486,7 @@ def test_one_hand_of_the_catalogue_or_a_file(command, tmp_path):
     assert code == 0 and "6 joints that move 4 more" in out and "note: joint Left_index_q2 follows" in out
     own_hands.write(tmp_path, "parallel_gripper")
     code, out, _ = command("hands", "parallel_gripper.urdf")
-    assert code == 0 and "left_slide -> left_jaw: +0.000 .. +0.040 m, effort 60 N" in out
+    assert code == 0 and "left_slide -> left_jaw: +0.000 .. +0.040 m, effort 120 N" in out
     code, out, err = command("hands", "parallel_gripper.urdf", "--json")
     document = json.loads(out)
     assert code == 0 and err == ""
@@ -498,7 +498,7 @@ def test_one_hand_of_the_catalogue_or_a_file(command, tmp_path):
             "lower": 0.0,
             "upper": 0.04,
             "effort_unit": "N",
-            "effort": 60.0,
+            "effort": 120.0,
             "velocity": 0.1,
         }
     ]

@@ -73,6 +73,7 @@ def test_drives_of_the_user_are_without_those_of_the_catalogue():
         {"figure": "limit", "text": "x", "interval": (2.0, 1.0)},
         {"figure": "limit", "text": "x", "interval": (-1.0, 1.0)},
         {"figure": "limit", "text": "x", "interval": (float("nan"), 1.0)},
+        {"figure": "limit", "text": "x", "interval": (0.0, float("inf"))},
         {"figure": "limit", "text": "x", "interval": 1.0},
         {"figure": "limit", "text": "x", "interval": "ab"},
     ],
