@@ -10,7 +10,6 @@ import numpy as np
 
 from fuzzing import mesh, object_file, path_file
 from fuzzing.case_file import pick
-from fuzzing.harness import SECRET
 
 TIME_LIMIT = 10.0
 prepare = object_file.prepare
@@ -60,13 +59,9 @@ TEXTS = [
         "**/*",
         "[",
         "~nobody/x",
-        "..",
         ".",
-        "/",
         "a/" * 3000,
         "a" * 300,
-        SECRET,
-        "/etc/passwd",
         "thing=parts",
         "=",
         "a=b=c",
