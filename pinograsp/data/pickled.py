@@ -3,6 +3,7 @@
 :mod:`pickletools` splits a pickle into opcodes; a small machine carries out those that build numbers, texts, lists,
 tuples, dicts, NumPy arrays and PyTorch tensors. There is no import, no call of a class, no attribute: names that a
 pickle asks for are looked up in one table, and all others are refused by their name.
+The machine is longer than other modules: its opcodes are read together.
 """
 
 from __future__ import annotations
