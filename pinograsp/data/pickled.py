@@ -3,6 +3,7 @@
 :mod:`pickletools` splits a pickle into opcodes; a small machine carries out those that build numbers, texts, lists,
 tuples, dicts, NumPy arrays and PyTorch tensors. There is no import, no call of a class, no attribute: names that a
 pickle asks for are looked up in one table, and all others are refused by their name.
+The machine is longer than other modules: its opcodes are read together.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ import io
 import math
 import pickletools
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pinograsp.data.extent import check_extent
 
 _MOST_OPCODES = 5_000_000  # 2 s; data sets have some thousands
 _MOST_BYTES = 2**30  # of all arrays of a file, unpacked
@@ -23,7 +26,6 @@ _MOST_BYTES = 2**30  # of all arrays of a file, unpacked
 # the file: what is written out has at least one byte an item. The rest is for small files.
 _ARRAYS_A_BYTE, _SMALL = 16, 2**24
 _ITEMS_A_BYTE, _FEW = 2, 1000
-_DEEPEST = 100  # lists and dicts within each other
 _LARGEST_KEY = 2**60  # beyond it, many integers have the same hash, and a dict of them takes for ever
 _OBJECT = 512  # [bytes] that an object in an array counts for: a list may be in many of them
 _MOST_DIMENSIONS = 32
@@ -97,8 +99,7 @@ class Unpickled:
         self._stack: list[Any] = []
         self._memo: dict[int, Any] = {}
         self._room = self._left = min(_MOST_BYTES, _SMALL + _ARRAYS_A_BYTE * (len(content) if size is None else size))
-        self._size = len(content)
-        self._most_items = _FEW + _ITEMS_A_BYTE * self._size
+        self._most_items = _FEW + _ITEMS_A_BYTE * len(content)
         self._opcode = ""
         self.value: Any = None
         try:
@@ -144,23 +145,10 @@ class Unpickled:
         return complete
 
     def _check_extent(self, value: Any) -> None:
-        """Refuse lists and dicts that hold the same ones again and again, or themselves."""
-        extents: dict[int, int] = {}  # by identity: of what has been counted
-        begun: set[int] = set()
-        waiting = [(value, False)]
-        while waiting:
-            one, counted = waiting.pop()
-            if counted:
-                begun.discard(id(one))
-                extents[id(one)] = 1 + sum(extents.get(id(part), 1) for part in _inner(one))
-                if extents[id(one)] > self._most_items:
-                    raise PickleRefused(f"expected at most {self._most_items} values in {self._size} bytes, got more")
-            elif id(one) in begun or len(begun) > _DEEPEST:
-                raise PickleRefused(f"expected at most {_DEEPEST} lists and dicts within each other")
-            elif id(one) not in extents:
-                begun.add(id(one))
-                waiting.append((one, True))
-                waiting += [(part, False) for part in _inner(one) if isinstance(part, _CONTAINERS)]
+        try:
+            check_extent(value, self._most_items)
+        except ValueError as error:
+            raise PickleRefused(str(error)) from None
 
     # -- opcodes
 
@@ -286,16 +274,6 @@ class Unpickled:
         truth = kind.dtype.kind == "b"
         array = np.frombuffer(bytes(raw), dtype=np.uint8 if truth else kind.dtype).reshape(sizes, order=order)
         return array != 0 if truth else array.astype(kind.dtype.newbyteorder("="))
-
-
-_CONTAINERS = (list, tuple, dict, np.ndarray)
-
-
-def _inner(value: Any) -> Iterable[Any]:
-    """What is in a list, a tuple, a dict, or an array of objects."""
-    if isinstance(value, np.ndarray):
-        return value.ravel().tolist() if value.dtype.kind == "O" else ()
-    return value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ()
 
 
 class _Lines(io.BytesIO):
