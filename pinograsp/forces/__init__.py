@@ -3,6 +3,7 @@
 import pinograsp.forces.written  # noqa: F401  # fills ForceProblem.to_qp and to_socp
 from pinograsp.forces.backends import BACKENDS, BackendName, available_backends, register_solver
 from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
+from pinograsp.forces.better_contacts import BetterContacts, optimize_contacts
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, Tolerance
 from pinograsp.forces.conditions import GraspConditions, TorqueLimit
 from pinograsp.forces.diagnosis import Diagnosis, diagnose
@@ -36,7 +37,7 @@ from pinograsp.forces.reserve import (
 from pinograsp.forces.robust import optimize_robust
 from pinograsp.forces.robust_forces import Reaction, RobustForces, StiffnessScenario
 from pinograsp.forces.search import SEARCHES, GridMethod, GridSearch, grid_search
-from pinograsp.forces.sensitivity import BetterContacts, Sensitivity, force_sensitivity, optimize_contacts
+from pinograsp.forces.sensitivity import Sensitivity, force_sensitivity
 from pinograsp.forces.solution import (
     Branch,
     ConvexSolution,

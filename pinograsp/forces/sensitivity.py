@@ -1,5 +1,4 @@
-"""Derivatives of the optimal forces and their cost by load, friction, contact points and normals; and better contact
-points.
+"""Derivatives of the optimal forces and their cost by load, friction, contact points and normals.
 
 At an optimum without degeneracy the same limits stay active nearby. With z the directions that they leave free (at its
 friction cone the force of a contact moves along the cone), x(z) the scaled forces, A x = b the balance and y its
@@ -15,34 +14,45 @@ envelope theorem it is that of the Lagrangian at constant x.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from pinograsp.checks import brief, instance_of, number, read_only
-from pinograsp.contacts import ContactSet
+from pinograsp.checks import brief, instance_of, read_only
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.backends import BackendName
+from pinograsp.forces.certificate import Tolerance, is_optimal, objective_size_of
 from pinograsp.forces.conic import ConicMethod, exponents_of
 from pinograsp.forces.matrices import matrices_of
-from pinograsp.forces.optimize import optimize_forces
-from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective, assemble, energy_terms_at
+from pinograsp.forces.program import assemble, energy_terms_at
 from pinograsp.forces.solution import ConvexSolution
-from pinograsp.objects.body import Body
-from pinograsp.spatial import Array, skew, tangent_frame
+from pinograsp.spatial import Array, skew
 
 _SINGULAR = 1e-10  # relative to the largest singular value
-# Where slack (relative to F_n) and multiplier (relative to the objective's gradient) of a limit are both below this, it
-# is not certain whether the limit is active.
+# Where slack (relative to the largest F_n) and multiplier (relative to the objective's gradient) of a limit are both
+# below this, it is not certain whether the limit is active.
 _DOUBTFUL = 1e-6
+# A contact whose F_n is below this share of the largest is at the apex of its cone: rounding hides the direction of its
+# tangential force, which the multipliers tell.
+_APEX = 1e-6
+_EXACT = Tolerance(residual=1e-8, violation=1e-8, gap=1e-7)  # of the interior-point method's answer, and of Newton's
 _POLISH = 6  # Newton steps; two or three are enough
-_STEPS, _SHRINKS, _ROUNDS = 60, 12, 10
-_PROBE = 1e-6  # [m] step of the finite differences for the surface's curvature
 
-# Active limits of a contact: its cone (bool), its intervals (each -1, 0 or 1), F_n (-1, 0 or 1).
-_Limits: TypeAlias = tuple[bool, tuple[int, ...], int]
+
+class _Limits(NamedTuple):
+    """Active limits of a contact.
+
+    Attributes:
+        around: whether it is at its friction cone.
+        sides: at which end of its intervals each component is: -1, 0 (neither) or 1.
+        end: at which end of its range F_n is: -1, 0 (neither) or 1.
+        apex: whether its least F_n is next to nothing, and it is there: nothing of its force is free.
+    """
+
+    around: bool
+    sides: tuple[int, ...]
+    end: int
+    apex: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,7 +64,8 @@ class Sensitivity:
         unique: whether the cost determines the forces, and the active limits are certain. Where the forces are not
             determined (energies do not depend on tangential forces), only ``cost_load`` is meaningful: add a small
             weight of ``least_squares`` to the objective for the others. Where a limit is about to become active the
-            derivatives have a jump.
+            derivatives have a jump, and ``cost_load`` is between those to either side: the cost is convex in the load,
+            and ``cost_load`` a subgradient.
         forces_load: contact forces by the load (k, 3, 6).
         forces_mu: contact forces by the friction coefficients (k, 3, k) [N]; zeros where mu is 0.
         forces_points: contact forces by the contact points (k, 3, k, 3) [N/m].
@@ -178,7 +189,9 @@ class _Optimum:
 
     The recorded forces may be off by the tolerances of a certificate, which is enough to hide an active limit. So an
     interior-point method solves the program again: its forces and multipliers together show the active limits (either
-    the slack of a limit or its multiplier goes to zero), and Newton's method then finishes with these limits.
+    the slack of a limit or its multiplier goes to zero), and Newton's method then finishes with these limits. What it
+    finds counts if it is admissible and its multipliers prove it; else the interior-point method's answer stays, whose
+    multipliers are a derivative of the cost in any case.
 
     Attributes:
         A: balance (rows, k d).
@@ -198,12 +211,12 @@ class _Optimum:
         bounds = problem.normal_force_range(impact_time)
         self.program = program = assemble(matrices, problem.scaled_load, terms, *bounds)
         found = ConicMethod(program.matrices, exponents_of(program)).solve(program)
-        if found is None:
+        if found is None or not self._proves(found.x, found.y):
             raise InvalidInput(
                 "sensitivity: the multipliers of this optimum could not be computed; the problem is nearly infeasible"
             )
         self.A, self.P = program.A, np.zeros((k * d, k * d)) if program.P is None else program.P
-        self.x, self.y = found.x, found.y
+        self.x, self.y = found.x.copy(), found.y
         # Without friction there are no tangential forces.
         self.none = np.append(self.friction.scale(problem.mu), np.ones((k, 1)), axis=1) == 0
         self.x[self.none.ravel()] = 0.0
@@ -218,10 +231,30 @@ class _Optimum:
             n = self.J.shape[1]
             self.x, self.y = self.x - self.J @ step[:n], self.y - step[n:]
         self._settle(limits)
-        self.certain &= (
-            bool(np.abs(self._linearise(limits)).max() <= 1e-8) and [self._limits_of(i) for i in range(k)] == limits
-        )
+        exact = bool(np.abs(self._linearise(limits)).max() <= 1e-8) and self._proves(self.x, self.y)
+        if not exact:
+            self.x, self.y = found.x, found.y
+            self._linearise(limits)
+        self.certain &= exact and [self._limits_of(i) for i in range(k)] == limits
         self.unique = self.certain and self.regular
+
+    def _proves(self, x: Array, y: Array) -> bool:
+        """Whether x is admissible, and y proves it optimal."""
+        program, value = self.program, self.program.value(x)
+        violation, _, residual = program.violations(x)
+        size = objective_size_of(value + program.constant, program.constant)
+        return is_optimal(
+            residual_norm=float(np.linalg.norm(residual)),
+            load_size=1.0,
+            violation=violation,
+            force_size=max(1.0, self._largest(x)),
+            gap=value - program.lower_bound(x, y, np.zeros(0)),
+            objective_size=size,
+            tolerance=_EXACT,
+        )
+
+    def _largest(self, x: Array) -> float:
+        return float(x[self.friction.d - 1 :: self.friction.d].max())
 
     def _pull(self) -> tuple[Array, float]:
         """Gradient of the Lagrangian without the limits' part (k d,), and the objective's size in it."""
@@ -231,41 +264,48 @@ class _Optimum:
 
     @property
     def _normal(self) -> Array:
-        return np.maximum(self.x[self.friction.d - 1 :: self.friction.d], 1e-3 * self.program.lo)
+        normal: Array = np.maximum(self.x[self.friction.d - 1 :: self.friction.d], 1e-3 * self.program.lo)
+        return normal
 
     def _limits_of(self, i: int) -> _Limits:
-        """Active limits of a contact: its cone (bool), its intervals (of -1, 0, 1), F_n (-1, 0, 1)."""
         d, round_ = self.friction.d, self.friction.round_dimensions
         pull, size = self._pull()
-        g, z = pull[i * d : (i + 1) * d] / size, self.x[i * d : (i + 1) * d] / self._normal[i]
+        g, x, unit = pull[i * d : (i + 1) * d] / size, self.x[i * d : (i + 1) * d], self._largest(self.x)
+        lo, hi, F = self.program.lo[i], self.program.hi[i], x[-1]
 
         def active(slack: float, multiplier: float) -> bool:
+            slack /= unit
             self.certain &= max(slack, multiplier) > _DOUBTFUL
             return multiplier > slack
 
-        ray, length, around = np.append(np.zeros(d - 1), 1.0), float(np.linalg.norm(z[:round_])), False
+        if max(F, lo) <= _APEX * unit:
+            self.certain &= lo == hi or bool(g[-1] - self.friction.support(-g[:-1]) > _DOUBTFUL)
+            return _Limits(False, (0,) * (d - 1 - round_), -1, apex=True)
+        ray, length, around = np.append(np.zeros(d - 1), 1.0), float(np.linalg.norm(x[:round_])), False
         if round_ and length > 0 and not self.none[i, 0]:
-            out = z[:round_] / length
-            around = active(1 - length, float(-g[:round_] @ out))
+            out = x[:round_] / length
+            around = active(F - length, float(-g[:round_] @ out))
             if around:
                 ray[:round_] = out
         sides = []
         for j in range(round_, d - 1):
-            side = int(np.sign(z[j])) if not self.none[i, j] else 0
+            side = int(np.sign(x[j])) if not self.none[i, j] else 0
             reach = self.friction.radii[j]
-            sides.append(side if side and active(1 - abs(z[j]) / reach, -g[j] * side) else 0)
+            sides.append(side if side and active(F - abs(x[j]) / reach, -g[j] * side) else 0)
             ray[j] = sides[-1] * reach
-        lo, hi, F = self.program.lo[i], self.program.hi[i], self._normal[i]
         along = float(g @ ray)
-        if lo == hi:
-            return around, tuple(sides), -1
-        return around, tuple(sides), -1 if active(F / lo - 1, along) else 1 if active(1 - F / hi, -along) else 0
+        if lo == hi or active(F - lo, along):
+            return _Limits(around, tuple(sides), -1)
+        return _Limits(around, tuple(sides), 1 if active(hi - F, -along) else 0)
 
     def _settle(self, limits: Sequence[_Limits]) -> None:
         """Move x onto its active limits."""
         d, round_ = self.friction.d, self.friction.round_dimensions
-        for i, (around, sides, end) in enumerate(limits):
+        pull, _ = self._pull()
+        for i, (around, sides, end, apex) in enumerate(limits):
             z = self.x[i * d : (i + 1) * d]
+            if apex:
+                z[:-1] = self.program.lo[i] * self.friction.support_point(-pull[i * d : (i + 1) * d - 1])
             if end:
                 z[-1] = self.program.lo[i] if end < 0 else self.program.hi[i]
             if around:
@@ -282,7 +322,9 @@ class _Optimum:
         pull, _ = self._pull()
         columns: list[Array] = []
         bend: list[float] = []
-        for i, (around, sides, end) in enumerate(limits):
+        for i, (around, sides, end, apex) in enumerate(limits):
+            if apex:
+                continue
             own = slice(i * d, i * d + d)
             z, g, free = self.x[own], pull[own], np.eye(d)
             ray, directions = free[-1].copy(), []
@@ -319,122 +361,3 @@ class _Optimum:
         self.regular = bool(sizes[-1] > _SINGULAR * sizes[0])
         self.inverse = np.linalg.pinv(system, rcond=_SINGULAR)
         return np.append(self.J.T @ pull, self.A @ self.x - self.program.b)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BetterContacts:
-    """Contacts moved on the object's surface.
-
-    Attributes:
-        contacts: the moved contacts, without links or posture.
-        problem: the problem with these contacts.
-        solution: its optimum.
-        costs: at the start and after each step.
-    """
-
-    contacts: ContactSet
-    problem: ForceProblem
-    solution: ConvexSolution
-    costs: tuple[float, ...]
-
-    __repr__ = brief()
-
-
-def optimize_contacts(
-    problem: ForceProblem,
-    object: Body,
-    impact_time: float,
-    *,
-    objective: Objective | None = None,
-    reach: float = 0.01,
-    tolerance: float = 1e-6,
-    backend: BackendName = "auto",
-) -> BetterContacts:
-    """Contact points moved on the surface, each by at most ``reach``, to a local minimum of the certified cost.
-
-    Steepest descent with the gradients of :func:`force_sensitivity`, curvature of the surface included. Whether a hand
-    reaches the new contacts is not checked here (see ``contact_postures``).
-
-    Args:
-        problem: contacts and limits.
-        object: a shape of :mod:`pinograsp.objects`, on whose surface the contacts are.
-        impact_time: t_I [s].
-        objective: as for :func:`optimize_forces`.
-        reach: largest distance of a contact from its start [m].
-        tolerance: the search ends where a step lowers the cost by less, relative to it [-].
-        backend: as for :func:`optimize_forces`.
-
-    Raises:
-        InvalidInput: contacts that do not hold the load at the start, or a problem that :func:`force_sensitivity` does
-            not take.
-    """
-    instance_of("problem", problem, ForceProblem)
-    instance_of("object", object, Body)
-    reach = number("reach", reach, above=0, unit="m")
-    tolerance = number("tolerance", tolerance, at_least=0)
-    known = replace(problem, moment_length=problem.moment_length)
-    solution = optimize_forces(known, impact_time, objective=objective, backend=backend)
-    if _cost(solution) == np.inf:
-        raise InvalidInput(f"optimize_contacts: expected contacts that hold the load at first, got '{solution.status}'")
-    start = np.array(problem.contacts.points_o)
-    costs, length = [_cost(solution)], 0.1 * reach
-    for _ in range(_STEPS):
-        points = np.array(known.contacts.points_o)
-        gradient = _on_surface(force_sensitivity(solution), object, points)
-        steepest = float(np.abs(gradient).max())
-        if steepest == 0:
-            break
-        better = None
-        for _ in range(_SHRINKS):
-            tried = _moved(known, object, points - length / steepest * gradient, start, reach)
-            found = optimize_forces(tried, impact_time, objective=objective, backend=backend)
-            if _cost(found) < costs[-1]:
-                better = tried, found
-                length *= 1.5
-                break
-            length *= 0.4
-        if better is None:
-            break
-        known, solution = better
-        costs.append(_cost(solution))
-        if costs[-2] - costs[-1] <= tolerance * costs[-1]:
-            break
-    return BetterContacts(contacts=known.contacts, problem=known, solution=solution, costs=tuple(costs))
-
-
-def _cost(solution: ConvexSolution) -> float:
-    """The certified cost; infinite where there is none."""
-    certificate = solution.certificate
-    return float("inf") if certificate is None or solution.status is not Status.OK else certificate.objective
-
-
-def _on_surface(sensitivity: Sensitivity, body: Body, points: Array) -> Array:
-    """Gradient of the cost over tangential moves of the contacts (k, 3), normals following the surface."""
-    _, normals, _ = body.project(points)
-    gradient = np.zeros_like(points)
-    for i, normal in enumerate(normals):
-        for tangent in tangent_frame(normal).T[:2]:
-            ends = np.array([points[i] + _PROBE * tangent, points[i] - _PROBE * tangent])
-            turn = np.cross(normal, np.subtract(*body.project(ends)[1]) / (2 * _PROBE))
-            gradient[i] += (sensitivity.cost_points[i] @ tangent + sensitivity.cost_turns[i] @ turn) * tangent
-    return gradient
-
-
-def _moved(problem: ForceProblem, body: Body, points: Array, start: Array, reach: float) -> ForceProblem:
-    """The problem with its contacts at the surface's points nearest to ``points``, none farther than ``reach`` from its
-    start.
-    """
-    for _ in range(_ROUNDS):  # a point that is moved back within reach leaves the surface slightly
-        surface, normals, _ = body.project(points)
-        way = surface - start
-        far = np.linalg.norm(way, axis=1)
-        if far.max() <= reach:
-            break
-        points = start + way * np.minimum(1.0, 0.9999 * reach / np.maximum(far, 1e-300))[:, None]
-    contacts = tuple(
-        replace(
-            contact, point_o=point, rotation_oc=tangent_frame(normal, problem.gravity_o), distance=0.0, point_l=None
-        )
-        for contact, point, normal in zip(problem.contacts, surface, normals)
-    )
-    return replace(problem, contacts=ContactSet(contacts=contacts, com_o=problem.contacts.com_o))

@@ -36,6 +36,7 @@ def problem_of(seed, friction, k=4, balance="wrench"):
             friction=friction,
             balance=balance,
             moment_length=0.03,
+            max_depth=5e-3,
         )
         if pg.optimize_forces(problem, IMPACT).status is Status.OK:
             return problem
@@ -132,6 +133,63 @@ def test_a_contact_without_friction_has_derivatives():
     ):
         found, _ = differences(make, "least_squares")
         assert by_forces == pytest.approx(found, abs=5e-3 * max(1.0, np.abs(found).max()))
+
+
+APEX = [[-0.029, -0.007, 0.008], [0.002, 0.03, 0.008], [-0.023, 0.019, 0.005]]
+APEX += [[-0.02, 0.022, -0.033], [0.025, 0.017, 0.033], [0.01, 0.028, 0.021]]
+
+
+@pytest.mark.parametrize("objective", ["work", "impulse", {"work": 1.0, "least_squares": 1e-4}, "least_squares"])
+@pytest.mark.parametrize("name", MODELS)
+def test_the_cost_of_load_is_right_where_contacts_are_at_the_apex_of_their_cones(name, objective):
+    """The optimal cost is convex in the load: no difference quotient to the right is below a derivative, none to the
+    left above it. Quotients over 1e-3 N come within their curvature of it."""
+    load = np.array([0.59, 0.88, 1.05, -0.02, 0.0, 0.02])
+    problem = pg.ForceProblem(
+        contacts=pg.contacts_at(None, BODY, APEX),
+        load=load,
+        mu=0.8,
+        acceleration_range=(1e-6, 1.0),
+        max_depth=0.01,
+        friction=MODELS[name],
+    )
+    solution = pg.optimize_forces(problem, IMPACT, objective=objective)
+    cost = solution.certificate.objective
+    own = force_sensitivity(solution)
+    if objective == "work" and name == "cone":
+        assert solution.normal_forces.min() < 1e-6  # at the apex
+    noise = 2e-6 * cost  # twice the gap that a certificate allows
+    for r, step in enumerate(np.diag([1e-3] * 3 + [3e-5] * 3)):
+        up, down = (
+            pg.optimize_forces(problem.with_load(load + sign * step), IMPACT, objective=objective).certificate.objective
+            for sign in (1, -1)
+        )
+        change = own.cost_load[r] * step[r]
+        assert cost - down - noise <= change <= up - cost + noise
+        assert change == pytest.approx((up - down) / 2, abs=noise + 0.1 * (up - 2 * cost + down))
+
+
+def test_at_a_jump_the_cost_of_load_is_between_the_derivatives_to_either_side():
+    """Two jaws at their least F_n hold up to 2 mu F_n across; more load needs F_n = load / (2 mu) of each."""
+    box = pg.Box(size=(0.04, 0.04, 0.06), mass=0.2)
+    problem = pg.ForceProblem(
+        contacts=pg.contacts_at(None, box, [[0.02, 0, 0], [-0.02, 0, 0]]),
+        load=np.zeros(6),
+        mu=0.5,
+        friction=pg.Friction(model="cone"),
+        balance="force",
+        min_normal_force=2.0,
+        max_depth=5e-3,
+    )
+    ends = []
+    for weight in (1.9, 2.0, 2.1):
+        solution = pg.optimize_forces(problem.with_load([0, 0, -weight, 0, 0, 0]), IMPACT, objective="work")
+        ends.append(force_sensitivity(solution))
+    below, at, above = (-end.cost_load[2] for end in ends)
+    terms = problem.energy_terms(IMPACT, "work")
+    slope = sum(2 * c * p * 2.1 ** (p - 1) for c, p in terms)  # of two jaws, F_n = load / (2 mu) = load
+    assert below == pytest.approx(0.0, abs=1e-9) and above == pytest.approx(slope, rel=1e-6)
+    assert -1e-9 <= at <= slope and not ends[1].unique
 
 
 def test_multipliers_price_the_load():
