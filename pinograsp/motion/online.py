@@ -147,7 +147,11 @@ class OnlineForces:
             "coupled": [] if under is None else np.asarray(under.torques).tolist(),
             "borne": 0.0 if under is None else float(under.friction),
         }
-        self._loop = loop = core.load().Loop(**self._setup)
+        try:
+            self._loop = loop = core.load().Loop(**self._setup)
+        except ValueError as error:  # the core's own limits of sizes; the message names the field
+            value = shown(self._setup.get(str(error)))
+            raise InvalidInput(f"OnlineForces: expected a {error} of usual size, got {value}") from None
         self._tick = loop.step
         self.forces, self.moments, self.residual, self.torques = loop.forces, loop.moments, loop.residual, loop.torques
         self.status = Status.OK

@@ -1,4 +1,7 @@
 // The core for Python: arrays in, arrays out. Compiled once for each kind of processor, a module each.
+#include <algorithm>
+#include <cmath>
+
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/unique_ptr.h>
@@ -28,9 +31,27 @@ void need(bool fits, const char* what) {
     if (!fits) throw nb::value_error(what);
 }
 
+void need_number(double value, bool positive, const char* what) {
+    need(std::isfinite(value) && value >= 0.0 && (value > 0.0 || !positive), what);
+}
+
 const double* sized(const Numbers& values, std::size_t size, const char* what) {
     need(values.size() == size, what);
     return values.data();
+}
+
+// Of that size, every number finite.
+const double* finite(const Numbers& values, std::size_t size, const char* what) {
+    const double* own = sized(values, size, what);
+    need(std::all_of(own, own + size, [](double one) { return std::isfinite(one); }), what);
+    return own;
+}
+
+// Pairs (coefficient, exponent) of powers of F_n.
+void need_terms(const Numbers& terms) {
+    need(terms.size() % 2 == 0, "terms");
+    for (std::size_t i = 0; i < terms.size(); i += 2)
+        need(std::isfinite(terms.data()[i]) && terms.data()[i + 1] >= 1.0 && terms.data()[i + 1] <= 100.0, "terms");
 }
 
 // -- one problem ------------------------------------------------------------------------------------------------------
@@ -39,8 +60,14 @@ std::unique_ptr<Forces> make_forces(int k, int m, int r, int d, int round, bool 
                                     Numbers vertices, Numbers B, Numbers P, Numbers q, Numbers R_lo, Numbers R_hi,
                                     Numbers correction, Numbers widths, Numbers grasp_matrix, Numbers normals,
                                     double constant, double largest, double arm, double near) {
-    const std::size_t n = static_cast<std::size_t>(d) * k;
     need(k > 0 && (m == 3 || m == 6) && r >= 0 && has_shape(d, round), "sizes of a grasp");
+    const std::size_t n = static_cast<std::size_t>(d) * k, rows = static_cast<std::size_t>(m) + r;
+    need(facets.size() % (d - 1) == 0, "facets");
+    need(vertices.size() % 2 == 0 && (round > 0 || vertices.size() > 0), "vertices");
+    need_number(constant, false, "constant");
+    need_number(largest, false, "largest");
+    need_number(arm, true, "arm");
+    need_number(near, false, "near");
     GraspData data;
     data.k = k;
     data.m = m;
@@ -48,19 +75,20 @@ std::unique_ptr<Forces> make_forces(int k, int m, int r, int d, int round, bool 
     data.friction.d = d;
     data.friction.round = round;
     data.friction.facets = static_cast<int>(facets.size()) / (d - 1);
-    data.friction.C = facets.data();
+    data.friction.C = finite(facets, facets.size(), "facets");
     data.friction.corners = static_cast<int>(vertices.size()) / 2;
-    data.friction.vertices = vertices.data();
+    data.friction.vertices = finite(vertices, vertices.size(), "vertices");
     data.separates = separates;
-    data.B = sized(B, (m + r) * n, "B");
-    data.P = sized(P, d * n, "P");
-    data.q = sized(q, n, "q");
+    data.B = finite(B, rows * n, "B");
+    data.P = finite(P, d * n, "P");
+    data.q = finite(q, n, "q");
     data.R_lo = sized(R_lo, r, "R_lo");
     data.R_hi = sized(R_hi, r, "R_hi");
-    data.correction = sized(correction, n * m, "correction");
-    data.widths = sized(widths, n, "widths");
-    data.grasp_matrix = sized(grasp_matrix, 18 * static_cast<std::size_t>(k), "grasp_matrix");
-    data.normals = sized(normals, 3 * static_cast<std::size_t>(k), "normals");
+    for (int i = 0; i < r; ++i) need(data.R_lo[i] <= data.R_hi[i], "R_lo, R_hi");
+    data.correction = finite(correction, n * m, "correction");
+    data.widths = finite(widths, n, "widths");
+    data.grasp_matrix = finite(grasp_matrix, 18 * static_cast<std::size_t>(k), "grasp_matrix");
+    data.normals = finite(normals, 3 * static_cast<std::size_t>(k), "normals");
     data.constant = constant;
     data.largest = largest;
     data.arm = arm;
@@ -75,6 +103,7 @@ Problem problem_of(const Forces& forces, const Numbers& b, const Numbers& lo, co
     Problem problem =
         forces.problem(sized(b, forces.balance_rows(), "b"), sized(lo, k, "lo"), sized(hi, k, "hi"),
                        sized(R_lo, r, "R_lo"), sized(R_hi, r, "R_hi"), sized(P, d * d * k, "P"), sized(q, d * k, "q"));
+    need_terms(terms);
     need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, problem.powers), "terms");
     return problem;
 }
@@ -120,8 +149,12 @@ struct Prepared {
           greatest(high.data(), high.data() + high.size()),
           terms(powers.data(), powers.data() + powers.size()),
           tolerance{residual, violation, gap, vanishing, negligible} {
+        need(forces != nullptr, "grasp");
         need(least.size() == static_cast<std::size_t>(forces->contacts()) && greatest.size() == least.size(),
              "limits of F_n");
+        for (std::size_t i = 0; i < least.size(); ++i) need(least[i] >= 0.0 && greatest[i] >= 0.0, "limits of F_n");
+        for (double one : {residual, violation, gap, vanishing, negligible}) need_number(one, false, "tolerances");
+        need_terms(powers);
         Powers found;
         need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, found), "terms");
     }
@@ -145,6 +178,8 @@ struct Prepared {
 
 // -- tick by tick -----------------------------------------------------------------------------------------------------
 
+constexpr int most_index = 1 << 24;  // of contacts, joints and columns
+
 class Loop {
 public:
     Loop(int contacts, int components, int round, int rows, double torsion, double arm, double safety, double ramp,
@@ -164,18 +199,20 @@ public:
         setup.joints = joints;
         for (std::size_t i = 0; i + 2 < links.size(); i += 3) {
             const std::int64_t* one = links.data() + i;
+            for (int c = 0; c < 3; ++c) need(one[c] >= 0 && one[c] <= most_index, "links");
             setup.links.push_back({static_cast<int>(one[0]), static_cast<int>(one[1]), static_cast<int>(one[2])});
-            need(one[0] >= 0 && one[0] < contacts && one[1] >= 0 && one[2] >= 0 && one[2] < joints, "links");
+            columns_ = std::max(columns_, static_cast<std::size_t>(one[1]) + 1);
         }
         setup.limited = std::move(limited);
         setup.couplings = static_cast<int>(coupled.size());
         setup.coupling_rows.assign(couplings.data(), couplings.data() + couplings.size());
-        need(setup.coupling_rows.size() == coupled.size() * joints, "couplings");
         setup.coupled = std::move(coupled);
         setup.borne = borne;
-        need(contacts > 0 && joints >= 0, "sizes of a loop");
+        need(links.size() % 3 == 0, "links");
+        need(contacts <= most_index && joints <= most_index && coupled.size() <= most_index, "sizes of a loop");
+        const char* fault = fault_of(setup);
+        need(fault == nullptr, fault);
         online = make_online(setup);
-        need(online != nullptr, "components");
         gravity_.assign(joints, 0.0);
         online->gravity = gravity_.data();
     }
@@ -184,6 +221,7 @@ public:
 
     // The Jacobian's memory is looked at in every tick; gravity (n) is copied.
     void hand(Numbers jacobian, Numbers gravity) {
+        need(jacobian.size() >= 6 * columns_ && jacobian.size() % 6 == 0, "jacobian");
         jacobian_ = jacobian;
         online->jacobian = jacobian.data();
         this->gravity(gravity);
@@ -220,6 +258,7 @@ public:
 private:
     Numbers jacobian_;
     std::vector<double> gravity_;
+    std::size_t columns_ = 0;  // that links name
 };
 
 // -- multipliers ------------------------------------------------------------------------------------------------------
@@ -249,10 +288,12 @@ struct BoxOf final : Box {
 };
 
 std::unique_ptr<Box> make_box(Numbers H, double eps, Numbers fixed, Numbers row) {
-    need(H.ndim() == 2 && (H.shape(0) == 3 || H.shape(0) == 6), "H");
+    need(H.ndim() == 2 && (H.shape(0) == 3 || H.shape(0) == 6) && H.shape(1) > 0 && H.shape(1) <= most_index, "H");
     const int m = static_cast<int>(H.shape(0)), n = static_cast<int>(H.shape(1));
-    sized(fixed, m, "fixed");
-    sized(row, m, "row");
+    finite(H, H.size(), "H");
+    finite(fixed, m, "fixed");
+    finite(row, m, "row");
+    need_number(eps, true, "eps");
     if (m == 3) return std::make_unique<BoxOf<3>>(H.data(), n, eps, fixed.data(), row.data());
     return std::make_unique<BoxOf<6>>(H.data(), n, eps, fixed.data(), row.data());
 }
@@ -264,7 +305,13 @@ void batch(std::int64_t start, std::int64_t stop, int components, int round, int
            Numbers arms, Numbers terms, Written forces, Written moments, Written objective, Written lower_bound,
            Written residual, Written violation, nb::ndarray<std::int64_t, nb::c_contig, nb::device::cpu> codes) {
     const std::size_t n = counts.size(), k = n ? mu.size() / n : 0;
-    need(k > 0 && start >= 0 && stop <= static_cast<std::int64_t>(n) && has_shape(components, round), "problems");
+    need(k > 0 && k <= most_index && start >= 0 && start <= stop && stop <= static_cast<std::int64_t>(n) &&
+             has_shape(components, round) && (rows == 3 || rows == 6),
+         "problems");
+    need_number(torsion, false, "torsion");
+    need_number(squares, false, "squares");
+    for (std::size_t i = 0; i < n; ++i)
+        need(counts.data()[i] >= 0 && counts.data()[i] <= static_cast<std::int64_t>(k), "counts");
     need(points.size() == 3 * n * k && rotations.size() == 9 * n * k && loads.size() == 6 * n && mu.size() == n * k &&
              low.size() == n * k && high.size() == n * k && arms.size() == n && terms.size() % (2 * n) == 0 &&
              forces.size() == 3 * n * k && moments.size() == n * k && objective.size() == n &&

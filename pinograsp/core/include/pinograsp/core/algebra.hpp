@@ -89,9 +89,9 @@ inline void solve(const double* H, double* v, int n) {
 }
 
 // Whether a number is not finite, or absurdly large.
-inline bool not_finite(const double* values, int count) {
+inline bool not_finite(const double* values, std::size_t count) {
     bool fine = true;
-    for (int i = 0; i < count; ++i) fine &= std::fabs(values[i]) < 1e12;
+    for (std::size_t i = 0; i < count; ++i) fine &= std::fabs(values[i]) < 1e12;
     return !fine;
 }
 

@@ -41,6 +41,40 @@ struct OnlineSetup {
     double borne = 0.0;                 // share of the contacts' torques on them that friction bears
 };
 
+// What no loop can be set up with: the name of the first such field; none (nullptr) where all can be used.
+inline const char* fault_of(const OnlineSetup& setup) {
+    // Lengths, shares and factors of usual sizes: computations neither overflow nor lose all digits.
+    const auto positive = [](double one) { return one >= 1e-9 && one <= 1e9; };
+    const auto is_joint = [&](int one) { return one >= 0 && one < setup.joints; };
+    if (setup.contacts < 1) return "contacts";
+    if (!has_shape(setup.components, setup.round)) return "components, round";
+    if (!(setup.torsion == 0.0 || positive(setup.torsion))) return "torsion";
+    if (!positive(setup.arm)) return "arm";
+    if (!positive(setup.safety)) return "safety";
+    if (!(setup.ramp > 0.0 && setup.ramp <= 1.0)) return "ramp";
+    if (!(setup.most_rate >= 0.0)) return "most_rate";
+    if (setup.most_steps < 1) return "most_steps";
+    if (setup.joints < 0) return "joints";
+    int contact = 0;  // links are in the order of the contacts
+    for (const Link& link : setup.links) {
+        if (link.contact < contact || link.contact >= setup.contacts || link.column < 0 || !is_joint(link.joint))
+            return "links";
+        contact = link.contact;
+    }
+    std::vector<bool> has_limit(setup.joints, false);
+    for (int joint : setup.limited) {
+        if (!is_joint(joint) || has_limit[joint]) return "limited";
+        has_limit[joint] = true;
+    }
+    const std::size_t rows = setup.coupled.size();
+    if (setup.couplings < 0 || rows != static_cast<std::size_t>(setup.couplings) || not_finite(setup.coupled.data(), rows))
+        return "coupled";
+    const std::size_t entries = setup.coupling_rows.size();
+    if (entries != rows * setup.joints || not_finite(setup.coupling_rows.data(), entries)) return "coupling_rows";
+    if (!(setup.borne >= 0.0 && setup.borne <= 1.0)) return "borne";
+    return nullptr;
+}
+
 // A loop. Inputs stay as they are until they are written again; outputs are of the last tick.
 class Online {
 public:
@@ -70,8 +104,8 @@ public:
     int steps = 0;                  // Newton steps
 
     // The forces for the inputs. Converged: balanced; infeasible: the closest forces; stalled: the closest that were
-    // found within the steps; unusable, and nothing has changed: an input is not finite, a limit or a friction
-    // coefficient is negative, or a share is not from zero to one.
+    // found within the steps; unusable, and nothing has changed: an input is missing or not finite, a limit or a
+    // friction coefficient is negative, or a share is not from zero to one.
     Tick tick() {
         const Tick found = solve_tick(started ? setup_.most_rate : infinity);
         started = started || found != Tick::unusable;
@@ -180,7 +214,8 @@ private:
 
     bool unusable() const {
         const int k = setup_.contacts;
-        bool usable = !not_finite(wrench, 6) && !not_finite(com, 3) && !not_finite(least, k) &&
+        bool usable = (gravity != nullptr || setup_.joints == 0) && (jacobian != nullptr || setup_.links.empty()) &&
+                      !not_finite(wrench, 6) && !not_finite(com, 3) && !not_finite(least, k) &&
                       !not_finite(largest, k) && !not_finite(share, k) && !not_finite(target, k) &&
                       (gravity == nullptr || !not_finite(gravity, setup_.joints));
         for (int i = 0; i < k; ++i)
@@ -310,9 +345,9 @@ private:
     }
 };
 
-// A loop for a friction model; none where there is no such model.
+// A loop; none (nullptr) where the set-up has a fault, see `fault_of`.
 inline std::unique_ptr<Online> make_online(const OnlineSetup& setup) {
-    if (!has_shape(setup.components, setup.round)) return nullptr;
+    if (fault_of(setup) != nullptr) return nullptr;
     return of_shape(setup.components, setup.round, [&](auto shape) -> std::unique_ptr<Online> {
         return std::make_unique<OnlineOf<decltype(shape)>>(setup);
     });
