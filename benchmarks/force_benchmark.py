@@ -155,7 +155,7 @@ def cloutier_yang(rng, share: float):
     loads = np.vstack([axes, mixed / np.linalg.norm(mixed, axis=1)[:, None]])
     loads[:, 3:] *= 0.02  # moments at an arm [m]
     for contacts in grasps:
-        base = pg.ForceProblem(contacts=contacts, load=np.zeros(6), mu=0.6)
+        base = pg.ForceProblem(contacts=contacts, load=np.zeros(6), mu=0.6, friction=pg.Friction(), max_depth=5e-3)
         for load in some(loads, share):
             largest = held(base, load)
             if largest is None:
@@ -191,13 +191,17 @@ def degenerate(rng, share: float):
             problem = replace(problem, contacts=twice, mu=np.tile(problem.mu, 2), moment_length=None)
         elif kind == 1:  # on a line: no moment about it
             line = set_of([[0.02, 0, 0], [-0.02, 0, 0]] * 2, [[-1.0, 0, 0], [1.0, 0, 0]] * 2)
-            problem = pg.ForceProblem(contacts=line, load=[0, *rng.uniform(-1, 1, 2), 0, 0, 0], mu=0.6)
+            problem = pg.ForceProblem(
+                contacts=line, load=[0, *rng.uniform(-1, 1, 2), 0, 0, 0], mu=0.6, friction=pg.Friction(), max_depth=5e-3
+            )
         elif kind == 2:  # some without friction
             problem = replace(problem, mu=np.where(np.arange(4) < 2, 0.0, problem.mu))
         elif kind == 3:  # none with friction: a ball between six points
             normals = np.vstack([np.eye(3), -np.eye(3)])
             load = [*rng.uniform(-1, 1, 3), 0, 0, 0]
-            problem = pg.ForceProblem(contacts=set_of(-0.03 * normals, normals), load=load, mu=0.0)
+            problem = pg.ForceProblem(
+                contacts=set_of(-0.03 * normals, normals), load=load, mu=0.0, friction=pg.Friction(), max_depth=5e-3
+            )
         else:
             problem = problem.with_load(np.zeros(6))
         yield Task("degenerate", problem)

@@ -195,7 +195,9 @@ def grasp(rng, k: int) -> Case:
             body = pg.Sphere(radius=size, mass=0.3)
             points = size * np.array([unit(rng) for _ in range(k)])
         contacts = pg.contacts_at(None, body, points)
-        base = pg.ForceProblem.holding(body, contacts, mu=rng.uniform(0.4, 0.8, k))
+        base = pg.ForceProblem.holding(
+            body, contacts, mu=rng.uniform(0.4, 0.8, k), friction=pg.Friction(), max_depth=5e-3
+        )
         lo, hi = base.normal_force_range(IMPACT_TIME)
         case = Case(base, np.zeros((0, 6)), contacts.points_o - contacts.com_o, contacts.rotations_oc, lo, hi)
         ends = [held_load(rng, case, size) for _ in range(2)]

@@ -100,6 +100,7 @@ def grasp(rng, k: int, placement: str, kind: str) -> tuple[pg.ForceProblem, floa
             mu=rng.uniform(0.4, 0.8, k),
             acceleration_range=(1e-6, 1.0),
             friction=pg.Friction(model="cone"),
+            max_depth=5e-3,
         )
         largest = largest_load(problem)
         if largest * UNIT_LOAD > LEAST_HELD:

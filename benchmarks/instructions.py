@@ -43,7 +43,9 @@ def solves(method: str, model: str, case: dict) -> tuple:
         )
         friction = pg.Friction(model=model)
         made = pg.ContactSet(contacts=contacts, com_o=np.zeros(3))
-        problem = pg.ForceProblem(contacts=made, load=case["loads"][0], mu=case["mu"], friction=friction)
+        problem = pg.ForceProblem(
+            contacts=made, load=case["loads"][0], mu=case["mu"], friction=friction, max_depth=5e-3
+        )
         online, loads = pg.OnlineForces(problem, normal_forces=(case["lo"], case["hi"])), np.array(case["loads"])
 
         def solve(i):

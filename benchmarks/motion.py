@@ -61,7 +61,9 @@ def points() -> Callable[[], Motion]:
     hand, plan = case.load_hand(), case.plan()
     body = plan.problem.object
     angles = {finger.name: plan.motion.q[plan.motion.impact, finger.dofs] for finger in hand.fingers}
-    problem = pg.ForceProblem.holding(body, pg.contacts_at(hand, body, POINTS), mu=0.7, balance="force")
+    problem = pg.ForceProblem.holding(
+        body, pg.contacts_at(hand, body, POINTS), mu=0.7, balance="force", friction=pg.Friction(), max_depth=5e-3
+    )
     forces = optimize_grasp(problem, progress=False)
     spec = MotionSpec(posture={name: angles[name] for name in POINTS})
     return lambda: plan_motion(hand, forces, spec)

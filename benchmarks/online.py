@@ -72,7 +72,7 @@ def many_contacts() -> tuple:
     )
     links = {f.name: list(f.links[-4:]) for f in fingers}
     contacts = pg.contacts_at(hand, body, origins, links=links, tolerance=1.0)
-    problem = pg.ForceProblem.holding(body, contacts, mu=0.8, friction=pg.Friction(model="cone"))
+    problem = pg.ForceProblem.holding(body, contacts, mu=0.8, friction=pg.Friction(model="cone"), max_depth=5e-3)
     return hand, q, problem, (0.02, 60.0)
 
 

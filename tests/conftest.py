@@ -16,7 +16,7 @@ from test_architecture import ROOMS, TESTS
 from pinograsp.cases import load_case
 from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.cli import run as command_line
-from pinograsp.contacts import Contact, ContactSet, contacts_at
+from pinograsp.contacts import Contact, ContactSet, Friction, contacts_at
 from pinograsp.forces import ForceProblem
 from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
 from pinograsp.objects import Cylinder
@@ -116,7 +116,8 @@ def contacts(hand, cylinder):
 @pytest.fixture(scope="session")
 def make_problem(cylinder, contacts):
     def make(**settings):
-        return ForceProblem.holding(cylinder, contacts, **{"mu": 0.7, "balance": "force", **settings})
+        paper = {"mu": 0.7, "balance": "force", "friction": Friction(), "max_depth": 5e-3}
+        return ForceProblem.holding(cylinder, contacts, **{**paper, **settings})
 
     return make
 

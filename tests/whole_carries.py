@@ -150,6 +150,7 @@ def random_carry(arm, seed, k=None, friction=None):
         mu=float(rng.uniform(0.4, 0.9)),
         friction=friction,
         object=body,
+        max_depth=5e-3,
     )
     effort = np.where(arm.effort > 0, arm.effort, np.inf)
     return RandomCarry(

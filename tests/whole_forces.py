@@ -41,4 +41,5 @@ def problem_with(model, k, seed, *, limited=False, balance="wrench"):
         friction=MODELS[model],
         torques=torques,
         balance=balance,
+        max_depth=5e-3,
     )

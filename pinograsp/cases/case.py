@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from pinograsp import defaults
 from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.reading import changes_of, check_extent, put_value, read_mapping, validated
 from pinograsp.checks import in_brief, instance_of, number, path_of
@@ -25,6 +26,7 @@ from pinograsp.contacts import (
     contacts_at,
     touching,
 )
+from pinograsp.contacts.friction import default_friction
 from pinograsp.errors import CaseRejected
 from pinograsp.forces import ForceProblem, GridSpec, ObjectiveName, available_backends, grid_values
 from pinograsp.hands import HandModel, load_hand
@@ -132,10 +134,13 @@ class ContactSection(Section):
 
 
 class FrictionSection(Section):
-    """Friction: ``safety`` divides mu; ``torsion_mm`` is the largest moment per newton of normal force."""
+    """Friction: ``safety`` divides mu; ``torsion_mm`` is the largest moment per newton of normal force.
+
+    ``model``: None: as :class:`~pinograsp.forces.ForceProblem` chooses it; the grids' pyramid where they search.
+    """
 
     mu: NotNegative
-    model: FrictionModel = "pyramid"
+    model: FrictionModel | None = None
     edges: Annotated[int, Field(ge=4, le=128, multiple_of=2)] = 4
     safety: Annotated[float, Field(ge=1, le=1000)] = 1.0
     torsion_mm: NotNegative = 0.0
@@ -146,13 +151,23 @@ class FrictionSection(Section):
             raise ValueError("model 'soft' needs torsion_mm above 0")
         return self
 
+    def of(self, contacts: ContactSet, search: Search) -> Friction:
+        """The friction model at these contacts."""
+        given: dict[str, Any] = {"edges": self.edges, "safety": self.safety}
+        if self.torsion_mm:
+            given["torsion"] = 1e-3 * self.torsion_mm
+        if self.model is not None:
+            return Friction(model=self.model, **given)
+        by_default = search == "convex"  # grids know the paper's pyramid alone
+        return replace(default_friction(c.finger for c in contacts) if by_default else Friction(), **given)
+
 
 class ComplianceSection(Section):
-    """The contact law: stiffness [N/m^exponent], damping [N s/m], exponent."""
+    """The contact law: stiffness [N/m^exponent], damping [N s/m^(exponent + 1)], exponent."""
 
-    stiffness: Positive = 5.0e4
-    damping: NotNegative = 100.0
-    exponent: Annotated[float, Field(ge=0.5, le=10)] = 1.5
+    stiffness: Positive = Compliance().stiffness
+    damping: NotNegative = Compliance().damping
+    exponent: Annotated[float, Field(ge=0.5, le=10)] = Compliance().exponent
 
 
 class DecelerationSection(Section):
@@ -180,11 +195,11 @@ class DecelerationSection(Section):
 class LimitsSection(Section):
     """Eqs. (13) and (14); force caps, torque limits and decelerations that are not constant need the convex search."""
 
-    final_time: Positive = 1.0
-    impact_time: Range = (0.80, 0.95)
-    acceleration: Range = (0.01, 1.0)
-    max_speed: Positive = 2.0
-    max_depth_mm: Positive = 5.0
+    final_time: Positive = defaults.FINAL_TIME
+    impact_time: Range = defaults.IMPACT_TIMES
+    acceleration: Range = defaults.ACCELERATIONS
+    max_speed: Positive = defaults.MAX_SPEED
+    max_depth_mm: Positive = 1e3 * defaults.MAX_DEPTH
     max_normal_force: Positive | None = None
     torque_limit: Positive | Literal["effort"] | None = None
     deceleration: Literal["constant"] | DecelerationSection = "constant"
@@ -275,7 +290,7 @@ class Case(Section):
     object: ObjectSection
     contacts: tuple[ContactSection, ...] = Field(min_length=1, max_length=200)
     friction: FrictionSection
-    gravity: Vector = (0.0, 0.0, -9.81)
+    gravity: Vector = defaults.GRAVITY
     compliance: ComplianceSection = ComplianceSection()
     limits: LimitsSection = LimitsSection()
     forces: ForcesSection = ForcesSection()
@@ -367,18 +382,13 @@ class Case(Section):
 
     def make_problem(self, hand: HandModel) -> ForceProblem:
         """The force problem of ``hand`` holding the object."""
-        length = self.forces.moment_length_mm
+        length, contacts = self.forces.moment_length_mm, self.make_contacts(hand)
         return ForceProblem.holding(
             self.make_object(),
-            self.make_contacts(hand),
+            contacts,
             gravity_o=self.gravity,
             mu=self.friction.mu,
-            friction=Friction(
-                model=self.friction.model,
-                edges=self.friction.edges,
-                safety=self.friction.safety,
-                torsion=1e-3 * self.friction.torsion_mm,
-            ),
+            friction=self.friction.of(contacts, self.forces.search),
             compliance=Compliance(**self.compliance.model_dump()),
             balance=self.forces.balance,
             measure=self.forces.measure,

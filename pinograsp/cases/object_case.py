@@ -14,13 +14,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from pinograsp import defaults
 from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver
 from pinograsp.cases.reading import validated
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
 from pinograsp.contacts.compliance import MEASURES
+from pinograsp.contacts.friction import SOFT
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, GraspConditions, Reserve
-from pinograsp.forces.conditions import SOFT
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.hands.load import Masses
 from pinograsp.objects import object_from
@@ -98,10 +99,10 @@ class ObjectCase(Section):
     object: str | dict[str, Any]
     root: str | None = None
     at: Annotated[tuple[Number, ...], AfterValidator(_pose)] | None = None
-    mu: NotNegative = 0.7
+    mu: NotNegative = defaults.MU
     friction: FrictionModel | None = None
     safety: Annotated[float, Field(ge=1, le=1000)] = 1.0
-    samples: Annotated[int, Field(ge=1, le=100_000)] = 48
+    samples: Annotated[int, Field(ge=1, le=100_000)] = defaults.GRASPS
     seed: Annotated[int, Field(ge=0)] = 0
     wrap: bool = False
     within: tuple[Number, Number, Number, Number, Number, Number] | None = None

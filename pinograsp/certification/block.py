@@ -27,10 +27,10 @@ from pinograsp.checks import flag, instance_of, number, read_only
 from pinograsp.contacts import Friction
 from pinograsp.contacts.bulk import BulkContacts, BulkScene
 from pinograsp.contacts.contact_set import bare_contacts
+from pinograsp.contacts.friction import CONE, SOFT
 from pinograsp.contacts.support import CORNERS
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import GraspConditions, Reserve
-from pinograsp.forces.conditions import CONE, SOFT
 from pinograsp.forces.reserve import least_squeeze
 from pinograsp.hands import HandModel
 from pinograsp.hands.drives import ratios_of

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pinograsp import defaults
 from pinograsp.certification.block import Asked, Block
 from pinograsp.certification.record import Certificates
 from pinograsp.checks import array_of, instance_of, placements_of
@@ -29,7 +30,7 @@ class Certifier:
         body: Body,
         conditions: GraspConditions,
         *,
-        tolerance: float = 2e-3,
+        tolerance: float = defaults.TOUCHES,
         palm: bool = True,
         patches: bool = True,
         exact: bool = True,
@@ -75,7 +76,7 @@ def certify(
     conditions: GraspConditions,
     *,
     roots: ArrayLike | None = None,
-    tolerance: float = 2e-3,
+    tolerance: float = defaults.TOUCHES,
     palm: bool = True,
     patches: bool = True,
     exact: bool = True,

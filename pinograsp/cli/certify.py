@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from pinograsp import defaults
 from pinograsp.cli import completion
 from pinograsp.cli.app import (
     Arguments,
@@ -61,8 +62,10 @@ def certify(
     ] = "auto",
     mass: Annotated[float | None, typer.Option(help="Of each object \\[kg].")] = None,
     density: Annotated[float | None, typer.Option(help="Of each object \\[kg/m^3], where --mass is not given.")] = None,
-    mu: Mu = 0.6,
-    tolerance: Annotated[float, typer.Option(help="Distance at which a link touches, outside or inside \\[m].")] = 2e-3,
+    mu: Mu = defaults.MU,
+    tolerance: Annotated[
+        float, typer.Option(help="Distance at which a link touches, outside or inside \\[m].")
+    ] = defaults.TOUCHES,
     gravity: Annotated[
         tuple[float, float, float],
         typer.Option(metavar="X Y Z", help="In the object's frame, or its file's world \\[m/s^2]."),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from pinograsp import defaults
 from pinograsp.cli import completion
 from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, bar, given, new_folder, tell_json
 from pinograsp.cli.screen import command, needs, show, tell
@@ -37,7 +38,7 @@ _SHOWN = 9  # lines of measurements, and of a study, on the first screen
 @app.command()
 def check(
     run: Run,
-    hold: Annotated[float, typer.Option(help="How long the object is held after it was let go \\[s].")] = 1.0,
+    hold: Annotated[float, typer.Option(help="How long the object is held after it was let go \\[s].")] = defaults.HOLD,
     push: Annotated[
         list[str] | None,
         typer.Option(
@@ -113,7 +114,7 @@ def check(
             autocompletion=completion.one_of(completion.SUPPORTS),
         ),
     ] = "fixed",
-    time_step: Annotated[float, typer.Option(help="Of the simulation \\[s].")] = 2.5e-4,
+    time_step: Annotated[float, typer.Option(help="Of the simulation \\[s].")] = defaults.TIME_STEP,
     monte_carlo: Annotated[
         int,
         typer.Option(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from pinograsp import defaults
 from pinograsp.cli import completion
 from pinograsp.cli.app import (
     Arguments,
@@ -93,10 +94,10 @@ def plan(
     ] = None,
     root: Root = None,
     at: At = None,
-    mu: Mu = 0.7,
+    mu: Mu = defaults.MU,
     friction: FrictionModel = None,
     safety: Safety = 1.0,
-    samples: Samples = 48,
+    samples: Samples = defaults.GRASPS,
     seed: Seed = 0,
     wrap: Wrap = False,
     within: Within = None,
@@ -323,10 +324,10 @@ def close(
     object: Annotated[str, typer.Option(help=f"What to close on, as {_SPECS}.", autocompletion=completion.objects)],
     root: Root = None,
     at: At = None,
-    mu: Mu = 0.7,
+    mu: Mu = defaults.MU,
     friction: FrictionModel = None,
     safety: Safety = 1.0,
-    samples: Samples = 48,
+    samples: Samples = defaults.GRASPS,
     seed: Seed = 0,
     wrap: Wrap = False,
     within: Within = None,
@@ -451,7 +452,7 @@ def print_plan(plan: GraspPlan, folder: Path) -> None:
     answer = does_it_hold(plan)
     answers = [
         ("Does it hold?", answer.text),
-        ("How hard?", f"{_presses(plan)}; joints bear at most {_peaks(plan)}"),
+        ("How hard?", f"{_presses(plan)}; joints bear at most {plan.peak_efforts()}"),
         ("Results", f"{folder / 'report.html'}, beside it report.md, plan.json, plan.npz, figures"),
     ]
     then = [
@@ -474,15 +475,6 @@ def _presses(plan: GraspPlan) -> str:
         several = f" at {len(each)} contacts" if len(each) > 1 else ""
         told.append(f"{finger} {sum(each):.2f} N{several}")
     return ", ".join(told)
-
-
-def _peaks(plan: GraspPlan) -> str:
-    """The largest torque, and the largest force of joints that slide."""
-    import numpy as np
-
-    largest, slides = np.abs(plan.motion.torques).max(axis=0), plan.hand.slides
-    kinds = ((largest[~slides], "N m"), (largest[slides], "N"))
-    return " and ".join(f"{values.max():.3g} {unit}" for values, unit in kinds if values.size)
 
 
 def _print_closure(closure: Closure) -> None:

@@ -13,6 +13,7 @@ f_x = mu u_x, f_y = mu u_y and the torsional moment m = torsion u_t with u in F_
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, get_args
@@ -52,7 +53,8 @@ class Friction:
         if edges % 2:
             raise InvalidInput(f"friction edges: expected an even integer >= 4, got {edges}")
         object.__setattr__(self, "edges", edges)
-        object.__setattr__(self, "torsion", number("friction torsion", self.torsion, at_least=0, unit="m"))
+        torsion = number("friction torsion", self.torsion, at_least=0, at_most=LARGEST_MU, unit="m")
+        object.__setattr__(self, "torsion", torsion)
         object.__setattr__(self, "safety", number("friction safety factor", self.safety, at_least=1))
         if self.model == "soft" and self.torsion == 0:
             raise InvalidInput("friction model 'soft': expected torsion > 0 [m] (moment per newton), got 0")
@@ -161,6 +163,17 @@ class Friction:
         if array.shape[-1:] != (self.d - 1,):
             raise InvalidInput(f"{name}: expected {self.d - 1} components, got shape {array.shape}")
         return array
+
+
+CONE = Friction(model="cone")
+SOFT = Friction(model="soft", torsion=5e-3)  # as of a rubber pad of 1 cm
+
+
+def default_friction(fingers: Iterable[str]) -> Friction:
+    """The model where none is given, for contacts of these fingers: cones, and soft fingers where no more than two
+    fingers touch, which would hold nothing against turning about their line otherwise.
+    """
+    return SOFT if len(set(fingers)) <= 2 else CONE
 
 
 @lru_cache(maxsize=64)

@@ -30,6 +30,7 @@ from pinograsp.checks import (
 from pinograsp.contacts import Friction
 from pinograsp.contacts.compliance import MEASURES
 from pinograsp.contacts.contact_set import bare_contacts
+from pinograsp.contacts.friction import CONE
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.backends import Backends
@@ -57,7 +58,7 @@ class ForceBatch:
         low: least F_n (N, k) [N].
         high: largest F_n (N, k) [N].
         counts: number of contacts of each problem (N,), further entries are ignored; default: all k.
-        friction: model, torsion and safety factor.
+        friction: model, torsion and safety factor; default: cones.
         balance: ``"wrench"`` or ``"force"``.
         moment_lengths: moments are divided by these lengths to compare with forces (N,) [m]; default: the mean distance
             of the contacts.
@@ -72,7 +73,7 @@ class ForceBatch:
     low: Array
     high: Array
     counts: IntArray = None  # type: ignore[assignment]  # None becomes an array in __post_init__
-    friction: Friction = field(default_factory=Friction)
+    friction: Friction = CONE
     balance: Balance = "wrench"
     moment_lengths: Array = None  # type: ignore[assignment]  # None becomes an array in __post_init__
     energies: Mapping[str, Array] = field(default_factory=dict)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pinograsp import defaults
 from pinograsp.checks import array_of, brief, flag, floats_of, instance_of, number, one_of, shown
 from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Friction
 from pinograsp.contacts.compliance import MEASURES, Measure
@@ -20,8 +21,6 @@ from pinograsp.forces.reserve import Reserve
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
-CONE = Friction(model="cone")
-SOFT = Friction(model="soft", torsion=5e-3)  # as of a rubber pad of 1 cm
 _LATER = ("torque_limit", "reserve", "table")  # what no problem has before the hand has closed, and where it is solved
 
 TorqueLimit = Literal["effort"] | float | Array | None
@@ -33,8 +32,7 @@ class GraspConditions:
 
     Attributes:
         mu: friction coefficient of all contacts [-].
-        friction: the friction model with its safety factor; None: :data:`CONE`, and :data:`SOFT` where no more than two
-            fingers touch, which would hold nothing against turning about their line otherwise.
+        friction: the friction model with its safety factor; None: as :class:`ForceProblem` chooses it.
         compliance: the contact law.
         balance: ``"wrench"`` (forces and moments) or ``"force"`` (forces only).
         measure: grasp energy that is minimised, ``"impulse"`` [N s] or ``"work"`` [J].
@@ -60,12 +58,12 @@ class GraspConditions:
     compliance: Compliance = field(default_factory=Compliance)
     balance: Balance = "wrench"
     measure: Measure = "impulse"
-    gravity_o: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
-    final_time: float = 1.0
-    impact_time_range: tuple[float, float] = (0.80, 0.95)
-    acceleration_range: tuple[float, float] = (0.01, 1.0)
-    max_speed: float = 2.0
-    max_depth: float = 10e-3
+    gravity_o: Array = defaults.GRAVITY  # type: ignore[assignment]  # becomes an array in __post_init__
+    final_time: float = defaults.FINAL_TIME
+    impact_time_range: tuple[float, float] = defaults.IMPACT_TIMES
+    acceleration_range: tuple[float, float] = defaults.ACCELERATIONS
+    max_speed: float = defaults.MAX_SPEED
+    max_depth: float = defaults.MAX_DEPTH
     max_normal_force: float | None = None
     moment_length: float | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
@@ -125,8 +123,6 @@ class GraspConditions:
             InvalidInput: times, ranges or limits that cannot be used.
         """
         own: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in _LATER}
-        if self.friction is None:
-            own["friction"] = SOFT if len({one.finger for one in contacts}) <= 2 else CONE
         return ForceProblem.holding(body, contacts, **own)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pinograsp import defaults
 from pinograsp.checks import (
     array_of,
     brief,
@@ -37,7 +38,7 @@ from pinograsp.contacts import (
 )
 from pinograsp.contacts.compliance import MEASURES, Measure
 from pinograsp.contacts.deceleration import bounds_of
-from pinograsp.contacts.friction import LARGEST_MU
+from pinograsp.contacts.friction import LARGEST_MU, default_friction
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.standard_form import StandardForms
@@ -58,6 +59,7 @@ BY_CAP = "largest normal force of the contact"
 
 # Larger values come from a mistake of units; solvers would lose all digits to rounding.
 _STRONG, _DEAR = 1e12, 1e100  # [N], energy per newton
+_ENDLESS = 1e300  # [N m] of a torque limit: more overflows when it is scaled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,17 +121,20 @@ class TorqueLimits:
         jacobian = array_of("contact Jacobians", self.jacobian, (None, 6, None))
         n = jacobian.shape[2]
         limit = floats_of("torque limits", self.limit, f"{n} numbers [N m]")
-        if limit.shape != (n,) or not np.all(limit > 0):
+        if limit.shape != (n,) or not np.all((limit > 0) & ((limit <= _ENDLESS) | (limit == np.inf))):
             raise InvalidInput(
-                f"torque limits: expected {n} values > 0 [N m] (infinity where a joint has none), got "
-                f"{shown(limit.tolist())}; "
-                "a hand description without effort limits needs limit=..."
+                f"torque limits: expected {n} values > 0, up to {_ENDLESS:g} [N m] or infinity where a joint has none, "
+                f"got {shown(limit.tolist())}; a hand description without effort limits needs limit=..."
             )
         joints = items_of("joints of the torque limits", self.joints, str)
         if joints and len(joints) != n:
             raise InvalidInput(f"torque limits: expected {n} joint names, got {len(joints)}")
+        bias = array_of("bias torques", self.bias, (n,))
+        for name, unit, values in (("contact Jacobians", "m", jacobian), ("bias torques", "N m", bias)):
+            if np.abs(values).max(initial=0.0) > _STRONG:
+                raise InvalidInput(f"{name}: expected sizes up to {_STRONG:g} [{unit}], got {np.abs(values).max():g}")
         object.__setattr__(self, "jacobian", jacobian)
-        object.__setattr__(self, "bias", array_of("bias torques", self.bias, (n,)))
+        object.__setattr__(self, "bias", bias)
         object.__setattr__(self, "limit", read_only(limit))
         object.__setattr__(self, "joints", joints or tuple(f"joint {j + 1}" for j in range(n)))
         object.__setattr__(self, "reserve", share_of("reserve of the torque limits", self.reserve))
@@ -189,7 +194,7 @@ class ProblemSettings(TypedDict, total=False):
     max_speed: float
     max_depth: float
     moment_length: float | None
-    friction: Friction
+    friction: Friction | None
     min_normal_force: ArrayLike | None
     max_normal_force: ArrayLike | None
     torques: TorqueLimits | None
@@ -215,7 +220,9 @@ class ForceProblem(StandardForms):
         moment_length: moments are divided by this length so that they compare with forces [m]; default (None): the
             mean distance of the contacts from the centre of mass.
         gravity_o: gravity (3,) [m/s^2]; it acts on the hand too, when joint torques are computed.
-        friction: the friction model with its safety factor; the grids need the paper's pyramid.
+        friction: the friction model with its safety factor; default (None): cones, and soft fingers (5 mm of torsion)
+            where no more than two fingers touch, which would hold nothing against turning about their line otherwise.
+            The grids need the paper's pyramid, ``Friction()``.
         min_normal_force: least F_n (k,) [N] besides the limits of the penetration; a number applies to all.
         max_normal_force: caps on F_n (k,) [N] besides the limits of the penetration; a number applies to all.
         torques: limits of the joint torques, or None.
@@ -232,14 +239,14 @@ class ForceProblem(StandardForms):
     compliance: Compliance = field(default_factory=Compliance)
     balance: Balance = "wrench"
     measure: Measure = "impulse"
-    final_time: float = 1.0
-    impact_time_range: tuple[float, float] = (0.80, 0.95)
-    acceleration_range: tuple[float, float] = (0.01, 1.0)
-    max_speed: float = 2.0
-    max_depth: float = 5e-3
+    final_time: float = defaults.FINAL_TIME
+    impact_time_range: tuple[float, float] = defaults.IMPACT_TIMES
+    acceleration_range: tuple[float, float] = defaults.ACCELERATIONS
+    max_speed: float = defaults.MAX_SPEED
+    max_depth: float = defaults.MAX_DEPTH
     moment_length: float = None  # type: ignore[assignment]  # None becomes a length in __post_init__
-    gravity_o: Array = (0.0, 0.0, -9.81)  # type: ignore[assignment]  # becomes an array in __post_init__
-    friction: Friction = field(default_factory=Friction)
+    gravity_o: Array = defaults.GRAVITY  # type: ignore[assignment]  # becomes an array in __post_init__
+    friction: Friction = None  # type: ignore[assignment]  # None becomes a model in __post_init__
     min_normal_force: Array | None = None
     max_normal_force: Array | None = None
     torques: TorqueLimits | None = None
@@ -293,6 +300,8 @@ class ForceProblem(StandardForms):
         for name, value in bounds_of(*bounds).items():
             put(name, value)
         instance_of("compliance", self.compliance, Compliance)
+        if self.friction is None:
+            put("friction", default_friction(contact.finger for contact in self.contacts))
         instance_of("friction", self.friction, Friction)
         instance_of("torques", self.torques, TorqueLimits, type(None))
         instance_of("shape", self.shape, DecelerationShape)
@@ -331,7 +340,7 @@ class ForceProblem(StandardForms):
         contacts: ContactSet,
         *,
         mu: ArrayLike,
-        gravity_o: ArrayLike = (0.0, 0.0, -9.81),
+        gravity_o: ArrayLike = defaults.GRAVITY,
         **settings: Unpack[ProblemSettings],
     ) -> ForceProblem:
         """The problem of holding ``object`` against gravity (3,) [m/s^2].
@@ -349,7 +358,8 @@ class ForceProblem(StandardForms):
                 f"ForceProblem.holding() got an unexpected keyword argument '{unknown[0]}'; besides mu and gravity_o "
                 f"it takes {', '.join(ProblemSettings.__annotations__)}"
             )
-        weight = instance_of("object", object, Body).mass * array_of("gravity", gravity_o, (3,))
+        with np.errstate(over="ignore"):  # an infinite load is refused
+            weight = instance_of("object", object, Body).mass * array_of("gravity", gravity_o, (3,))
         load = np.concatenate([weight, np.zeros(3)])
         return cls(contacts=contacts, load=load, mu=mu, gravity_o=gravity_o, object=object, **settings)
 
@@ -417,7 +427,7 @@ class ForceProblem(StandardForms):
 
     def normal_force_limits(self, impact_time: float) -> NormalForceLimits:
         """The range of F_n at t_F that Eqs. (13) allow for an impact at t_I [s], without the contacts' own limits."""
-        tau, depth = self.final_time - impact_time, self.depth_per_acceleration(impact_time)
+        depth, tau = self.depth_per_acceleration(impact_time), self.final_time - impact_time
         limits = {
             BY_ACCELERATION: self.acceleration_range[1] * depth,
             BY_SPEED: self.max_speed / (self.shape.speed_factor * tau) * depth,

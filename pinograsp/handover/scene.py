@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pinograsp import defaults
 from pinograsp.checks import number, one_of, path_of
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.handover.actuators import Controls, archive, keyframes
@@ -57,7 +58,7 @@ def write_scene(
     path: str | Path,
     command: Command = "impedance",
     *,
-    hold: float = 1.0,
+    hold: float = defaults.HOLD,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
     shortfall: float | None = SHORTFALL,

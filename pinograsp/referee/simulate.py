@@ -10,6 +10,7 @@ from typing import Literal, Protocol, TypedDict
 import numpy as np
 import pinocchio as pin
 
+from pinograsp import defaults
 from pinograsp.checks import each_of, flag, frozen, instance_of, number, one_of, read_only
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.objects.body import Body
@@ -57,12 +58,12 @@ class SimulationSettings(TypedDict, total=False):
 def simulate(
     plan: PlanRecord | Task | str | Path,
     *,
-    hold: float = 1.0,
+    hold: float = defaults.HOLD,
     engine: EngineName = "mujoco",
     mode: Mode = "servo",
     disturbance: Disturbance | None = None,
     servo: Servo | None = None,
-    time_step: float = 2.5e-4,
+    time_step: float = defaults.TIME_STEP,
     sample: float = 2e-3,
     release: bool = True,
     support: Support = "fixed",

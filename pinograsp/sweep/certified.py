@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from tqdm import tqdm
 
+from pinograsp import defaults
 from pinograsp.certification import Reason
 from pinograsp.checks import brief, flag, instance_of, number, one_of, path_of, processes
 from pinograsp.data import FORMATS, Format, joined, read_grasps, write_grasps
@@ -136,7 +137,7 @@ def certify_files(
     folder: str | Path,
     conditions: GraspConditions,
     *,
-    tolerance: float = 2e-3,
+    tolerance: float = defaults.TOUCHES,
     drives: bool = True,
     jobs: int = -1,
     backend: Backend = "joblib",

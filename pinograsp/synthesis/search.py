@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
+from pinograsp import defaults
 from pinograsp.checks import array_of, brief, flag, instance_of, integer, number, processes
 from pinograsp.contacts import (
     Contact,
@@ -107,7 +108,7 @@ def find_grasps(
     body: Body,
     conditions: GraspConditions,
     *,
-    count: int = 64,
+    count: int = defaults.GRASPS,
     seed: int = 0,
     impact_time: float = 0.9,
     wrap: bool = False,

@@ -56,7 +56,7 @@ def test_springs_balance_what_is_added_and_press_as_the_packages_own(friction):
             assert np.allclose(wrench_of(grips, change[i, :, :, m], i), -wrench, atol=1e-9)
         assert not change[i, own:].any()
         contacts = contact_set_of(grips.points[i, :own], grips.rotations[i, :own, :, 2])
-        problem = ForceProblem(contacts=contacts, load=WEIGHT, mu=MU, friction=friction)
+        problem = ForceProblem(contacts=contacts, load=WEIGHT, mu=MU, friction=friction, max_depth=5e-3)
         scaled = wrenches / np.repeat([1.0, problem.moment_length], 3)
         assert np.allclose(reacted.normal[i, :own], elastic_reaction(problem) @ scaled.T, atol=1e-9)
 

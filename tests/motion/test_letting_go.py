@@ -25,7 +25,9 @@ MU, WEIGHT = 0.5, 2.0
 def pinched(torsion: float = 0.0) -> ForceProblem:
     """Two contacts that face each other along x, 30 mm from the centre of mass."""
     contacts = contact_set_of([[0.03, 0, 0], [-0.03, 0, 0]], [[-1.0, 0, 0], [1.0, 0, 0]])
-    return ForceProblem(contacts=contacts, load=[0, 0, -WEIGHT, 0, 0, 0], mu=MU, friction=pg.Friction(torsion=torsion))
+    return ForceProblem(
+        contacts=contacts, load=[0, 0, -WEIGHT, 0, 0, 0], mu=MU, friction=pg.Friction(torsion=torsion), max_depth=5e-3
+    )
 
 
 def held_by(friction, joints: int = 0) -> Pressed:

@@ -500,7 +500,7 @@ def test_a_finger_with_three_contacts_does_what_it_can(hand, contact_set):
     contacts = contact_set(rows, com=np.mean([row[2] for row in rows], axis=0))
     load = np.zeros(6)
     load[:3] = -sum(1.5 * contact.normal_o for contact in contacts)
-    problem = ForceProblem(contacts=contacts, load=load, mu=0.8, balance="force")
+    problem = ForceProblem(contacts=contacts, load=load, mu=0.8, balance="force", friction=Friction(), max_depth=5e-3)
     solution = grid_search(problem, GridSpec(accelerations=np.linspace(0.05, 1, 39)))
     assert solution.status is Status.OK
     motion = plan_motion(hand, solution, MotionSpec(posture={"middle": angles}))
@@ -525,7 +525,7 @@ def test_an_allegro_hand_holds_a_ball(contact_set):
     centre = a + (np.cross(n, u) * (v @ v) + np.cross(v, n) * (u @ u)) / (2 * n @ n)
     ball = Sphere(radius=float(np.linalg.norm(a - centre)), mass=0.1, pose=pose_of(centre))
     contacts = contacts_at(hand, ball, tips)
-    problem = ForceProblem.holding(ball, contacts, mu=1.0, balance="wrench")
+    problem = ForceProblem.holding(ball, contacts, mu=1.0, balance="wrench", friction=Friction(), max_depth=5e-3)
     solution = grid_search(problem)
     assert solution.status is Status.OK and solution.residual_norm < 1e-9
     motion = plan_motion(hand, solution, MotionSpec(posture=posture, samples=3))

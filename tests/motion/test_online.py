@@ -38,7 +38,9 @@ def problem_of(k, seed, friction, balance="wrench"):
     rng = np.random.default_rng(seed)
     body = pg.Cylinder(radius=0.03, height=0.2, mass=0.2)
     contacts = pg.contacts_at(None, body, around_cylinder(rng, k, 0.03))
-    return pg.ForceProblem.holding(body, contacts, mu=rng.uniform(0.5, 0.9, k), friction=friction, balance=balance), rng
+    return pg.ForceProblem.holding(
+        body, contacts, mu=rng.uniform(0.5, 0.9, k), friction=friction, balance=balance, max_depth=5e-3
+    ), rng
 
 
 class Oracle:
@@ -161,6 +163,7 @@ def test_no_forces_leave_less(seed, count, often):
             mu=10 ** rng.uniform(-2, -0.3, k),
             friction=friction,
             balance=rng.choice(["wrench", "force"]),
+            max_depth=5e-3,
         )
         low = float(rng.choice([0.0, 0.01, 0.1]))
         high = low + 10 ** rng.uniform(0, 4)
@@ -190,7 +193,7 @@ def test_slippery_jaws_do_all_they_can(mu, share):
     ]
     contacts = ContactSet(contacts=tuple(jaws), com_o=np.zeros(3))
     cap, load = share / (2 * mu), np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
-    problem = pg.ForceProblem(contacts=contacts, load=load, mu=mu, friction=pg.Friction(model="cone"))
+    problem = pg.ForceProblem(contacts=contacts, load=load, mu=mu, friction=pg.Friction(model="cone"), max_depth=5e-3)
     online = pg.OnlineForces(problem, normal_forces=(0.0, cap))
     forces, _, status = online.step(load)
     assert status is Status.INFEASIBLE and online.residual == pytest.approx((1 - share) * load, abs=1e-6)
@@ -365,7 +368,7 @@ def test_torques_of_coupled_joints():
     radius = max(np.linalg.norm(p - centre) for p in tips.values())
     body = pg.Sphere(radius=radius, mass=0.1, pose=np.block([[np.eye(3), centre[:, None]], [np.zeros(3), 1.0]]))
     contacts = pg.contacts_at(hand, body, tips, tolerance=1.0)
-    problem = pg.ForceProblem.holding(body, contacts, mu=0.8, friction=MODELS["soft"])
+    problem = pg.ForceProblem.holding(body, contacts, mu=0.8, friction=MODELS["soft"], max_depth=5e-3)
     online = pg.OnlineForces(problem, hand=hand, q=q, normal_forces=(0.0, 30.0))
     forces, torques, _ = online.step(problem.load)
     expected = pg.torque_limits(hand, contacts, q, limit=1.0).torques(
@@ -386,7 +389,7 @@ def hand_of_many(model):
     radius = float(np.linalg.norm((points - pose[:3, 3])[:, :2], axis=1).mean())
     body = pg.Cylinder(radius=radius, height=1.0, mass=0.5, pose=pose)
     contacts = pg.contacts_at(hand, body, origins, links={f.name: list(f.links[-4:]) for f in fingers}, tolerance=1.0)
-    return hand, q, pg.ForceProblem.holding(body, contacts, mu=0.8, friction=model)
+    return hand, q, pg.ForceProblem.holding(body, contacts, mu=0.8, friction=model, max_depth=5e-3)
 
 
 @pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
