@@ -176,7 +176,7 @@ def _(plan: PlanRecord) -> _Page:
         rows=rows,
         colours=colours,
         facts=(
-            ("peak joint torque", f"{number(plan.motion.peak_torque, 3)} N m"),
+            ("peak joint effort", plan.peak_efforts()),
             ("it bears", "" if plan.margins is None else bears(plan)),
             ("friction", friction_model(plan.friction)),
             ("object", "" if plan.body is None else in_words(plan.body)),

@@ -47,11 +47,11 @@ def headline(plan: PlanRecord, simulation: Simulation | None = None) -> list[str
         used = [value for value in values.values() if math.isfinite(value)]
         margin += f"; {what}: up to {100 * max(used):.0f} %" if used else ""
     borne = bears(plan)
-    total, peak = sum(_normal_forces(plan).values()), plan.motion.peak_torque
+    total = sum(_normal_forces(plan).values())
     lines = [
         ("Does it hold?", does_it_hold(plan, simulation).text),
         ("What does it bear?", f"{borne[0].upper()}{borne[1:]}; reserve planned: {planned_reserve(plan.reserve)}."),
-        ("How hard?", f"{total:.2f} N of normal force in all: {listed}; at most {peak:.3g} N m at a joint."),
+        ("How hard?", f"{total:.2f} N of normal force in all: {listed}; at most {plan.peak_efforts()} at a joint."),
         ("How much energy?", f"{energy}."),
         ("Which margin?", f"{margin[0].upper()}{margin[1:]}."),
     ]
@@ -108,7 +108,7 @@ def details(plan: PlanRecord) -> list[tuple[str, str]]:
         ("grasp energy (impulse)", f"{forces.impulse:.4f} N s by Eq. (11)"),
         ("net force, net moment", f"{forces.residual_force:.2e} N, {forces.residual_moment:.2e} N m"),
         ("largest penetration", f"{1e3 * forces.final_depths.max():.3f} mm"),
-        ("peak joint torque", f"{motion.peak_torque:.4f} N m"),
+        ("peak joint effort", plan.peak_efforts(4)),
         ("postures tried", ", ".join(f"{name} {count}" for name, count in motion.postures.items())),
         *_proof(plan),
         *_safety(plan),
@@ -252,7 +252,11 @@ def _torque_section(plan: PlanRecord) -> list[str]:
         for finger, phases in plan.torque_maxima().items()
         for phase, values in phases.items()
     ]
-    return ["## Joint torque maxima [N m]", "", *table(("finger", "phase", "joints, base to tip"), rows)]
+    return [
+        "## Joint torque maxima [N m; N where joints slide]",
+        "",
+        *table(("finger", "phase", "joints, base to tip"), rows),
+    ]
 
 
 def _search_section(plan: PlanRecord) -> list[str]:

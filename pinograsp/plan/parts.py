@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from pinograsp.checks import brief
+from pinograsp.checks import brief, items_of, number
 from pinograsp.errors import Status
 from pinograsp.spatial import Array
 
@@ -312,6 +312,7 @@ class StiffnessBand:
 
     def summary(self, names: tuple[str, ...]) -> Plain:
         """As plain JSON values by the contacts' ``names``."""
+        names = items_of("names", names, str)
         return {
             "servos": self.servos,
             "factors": self.factors.tolist(),
@@ -365,10 +366,11 @@ class PlanMargins:
 
     def spares_nothing(self, weight: float) -> bool:
         """Whether the weakest direction bears next to nothing of a weight [N] besides the load."""
-        return self.disturbance < WEAK * weight
+        return self.disturbance < WEAK * number("weight", weight, at_least=0, unit="N")
 
     def summary(self, names: tuple[str, ...]) -> Plain:
         """As plain JSON values by the contacts' ``names``; None where a figure is infinite."""
+        names = items_of("names", names, str)
         return {
             "friction_used": {name: _finite(share) for name, share in zip(names, self.friction_used.tolist())},
             "least_mu": dict(zip(names, self.least_mu.tolist())),

@@ -29,7 +29,7 @@ from pinograsp.plan.parts import (
 )
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
-from pinograsp.words import by_name, lines_of
+from pinograsp.words import by_name, lines_of, number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,18 +92,31 @@ class PlanRecord:
     _repr_html_ = in_notebook
 
     def __str__(self) -> str:
-        names, forces, motion = self.contacts.names, self.forces, self.motion
+        return self.describe()
+
+    def describe(self) -> str:
+        """Status, normal forces, timing, peak efforts, robustness, cautions and notes, as readable text."""
+        names, forces = self.contacts.names, self.forces
         said = f"{self.name}: {self.status}"
         held = "" if self.margins is None else f"bears {self.margins.disturbance_force:.3g} N in any direction besides"
         return lines_of(
             f"{said}: {self.remedy}" if self.remedy else said,
             f"normal forces: {by_name(names, forces.normal_forces.tolist(), 'N')}",
-            f"impact at {forces.impact_time:g} s, complete at {forces.final_time:g} s; peak joint torque "
-            f"{motion.peak_torque:.3g} N m; left over {forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m",
+            f"impact at {forces.impact_time:g} s, complete at {forces.final_time:g} s; peak joint effort "
+            f"{self.peak_efforts()}; left over {forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m",
             held,
             *(f"caution: {one}" for one in self.cautions),
             *(f"note: {one}" for one in self.notes),
         )
+
+    def peak_efforts(self, digits: int = 3) -> str:
+        """The largest torque over the motion, and the largest force of joints that slide, in words with their units."""
+        largest = np.abs(self.motion.torques).max(axis=0)
+        if self.hand is None:  # which joints slide is not known
+            return f"{number(float(largest.max()), digits)} N m (N where it slides)"
+        slides = self.hand.slides
+        kinds = ((largest[~slides], "N m"), (largest[slides], "N"))
+        return " and ".join(f"{number(float(values.max()), digits)} {unit}" for values, unit in kinds if values.size)
 
     @property
     def name(self) -> str:
@@ -307,6 +320,10 @@ class PlanFailure:
     __repr__ = brief("status", "name", "search", "message")
 
     def __str__(self) -> str:
+        return self.describe()
+
+    def describe(self) -> str:
+        """Status and reason, as readable text."""
         return lines_of(f"{self.name}: {self.status}", self.message)
 
     @property

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pinograsp.checks import instance_of, read_only
+from pinograsp.checks import instance_of, mapping_of, read_only, text_of
 from pinograsp.contacts import PALM, Closure
 from pinograsp.contacts.clearance import HOLLOW, behind_hulls, meeting
 from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
@@ -264,11 +264,13 @@ def _beyond_drives(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
     kept = None if solution.problem.torques is None else solution.problem.torques.underactuation
     if left.max() > _SHARED * most and kept is None:
         worst = hand.joint_names[int(left.argmax())]
-        unit = "N" if hand.is_prismatic(hand.model.getJointId(worst)) else "N m"
+        unit, unit_of_most = (
+            "N" if hand.slides[i] else "N m" for i in (int(left.argmax()), int(np.abs(needed).argmax()))
+        )
         yield (
             f"the {hand.n} joints have {len(hand.drives)} motors between them, which cannot make these torques: "
-            f"{worst} lacks {left.max():.2g} {unit}, the largest torque is {most:.2g} N m; the joints settle "
-            "elsewhere, and the forces with them"
+            f"{worst} lacks {left.max():.2g} {unit}, the largest torque is {most:.2g} {unit_of_most}; the joints "
+            "settle elsewhere, and the forces with them"
         )
         return
     for drive, effort in zip(hand.drives, np.abs(efforts)):
@@ -294,7 +296,9 @@ def _near_limits(hand: HandModel, solution: ForceSolution, motion: Motion) -> It
 
 def failure_of(error: SearchFailed, hand: str, settings: Mapping[str, Any]) -> PlanFailure:
     """The record of a search that found no forces, for a hand of that name."""
-    solution, proof = error.solution, None
+    solution, proof = instance_of("error", error, SearchFailed).solution, None
+    text_of("hand", hand)
+    settings = mapping_of("settings", settings)
     if isinstance(solution, ConvexSolution) and solution.infeasibility is not None:
         found = solution.infeasibility
         proof = Proof(

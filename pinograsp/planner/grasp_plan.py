@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
+from pinograsp import defaults
 from pinograsp.actuation import FACTORS, ForceBand, GainLimit, ObjectStiffness
 from pinograsp.checks import flag, instance_of, one_of
 from pinograsp.contacts import Closure
@@ -181,7 +182,7 @@ class GraspPlan(PlanRecord):
         *,
         command: Command | None = None,
         scene: bool = False,
-        hold: float = 1.0,
+        hold: float = defaults.HOLD,
         model: Any = None,
         qpos: Array | None = None,
         feed_forward: bool = True,

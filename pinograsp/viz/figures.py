@@ -115,11 +115,13 @@ def joint_torques(plan: PlanRecord, finger: str) -> Figure:
     complete, early = figure.subplots(1, 2)
     _joint_lines(complete, plan, finger, times, torques)
     _phases(complete, plan)
-    complete.set_ylabel("torque [N m]")
+    slides = plan.hand is not None and plan.hand.slides[dofs].all()
+    what, unit = ("force", "N") if slides else ("torque", "N m")
+    complete.set_ylabel(f"{what} [{unit}]")
     legend_above(complete, 3, label_of(finger), _colour(plan, finger))
     _joint_lines(early, plan, finger, times[: impact + 1], 1e3 * torques[: impact + 1])
     grid(early)
-    early.set(xlabel="time [s]", ylabel="torque in the approach [mN m]", xlim=(0, times[impact]))
+    early.set(xlabel="time [s]", ylabel=f"{what} in the approach [m{unit}]", xlim=(0, times[impact]))
     return figure
 
 
@@ -336,13 +338,13 @@ def _figures(plan: PlanRecord) -> dict[str, Callable[[], Figure]]:
 
 def figure_files(plan: PlanRecord) -> list[str]:
     """Names of the files that :func:`save_figures` writes."""
-    return list(_figures(plan))
+    return list(_figures(instance_of("plan", plan, PlanRecord)))
 
 
 def save_figures(plan: PlanRecord, folder: str | Path) -> list[Path]:
     """Write all figures of a plan as PNG files, and a picture of it where it has its hand; returns their paths."""
     paths = []
-    for name, drawn in _figures(plan).items():
+    for name, drawn in _figures(instance_of("plan", plan, PlanRecord)).items():
         paths.append(Path(folder) / name)
         drawn().savefig(paths[-1], dpi=130)
     return paths

@@ -394,7 +394,7 @@ def _facts(plan: PlanRecord) -> Iterator[tuple[str, str]]:
         yield "proven optimal", f"gap {forces.certificate.relative_gap:.1e}"
     yield "net force, moment", f"{forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m"
     yield "largest penetration", f"{1e3 * forces.final_depths.max():.3g} mm"
-    yield "peak joint torque", f"{plan.motion.peak_torque:.3g} N m"
+    yield "peak joint effort", plan.peak_efforts()
     if margins is not None:
         for what, values in friction_used(plan):
             yield what, shares(values)

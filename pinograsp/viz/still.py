@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter, zoom
 
-from pinograsp.checks import array_of, flag, number, path_of
+from pinograsp.checks import array_of, flag, instance_of, number, path_of
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, BoolArray
@@ -94,7 +94,7 @@ def picture_of(
     """A scene at a time [s], as :func:`picture` draws it."""
     flag("collision_shapes", collision_shapes)
     sheet = Sheet(vector=flag("vector", vector), fading=not vector)
-    frame = scene.frame_at(number("time", time, unit="s"))
+    frame = instance_of("scene", scene, ViewScene).frame_at(number("time", time, unit="s"))
     camera = camera_of(scene, view, [frame], sheet)
     figure = sheet.figure()
     draw(figure, scene, frame, camera, sheet, collision_shapes=collision_shapes)

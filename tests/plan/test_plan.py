@@ -98,7 +98,9 @@ def test_public_names_plan_a_grasp_in_ten_lines(paper_case):
     hand = pinograsp.load_hand("humanoid", pose=paper_case.load_hand().pose, limits={"thumb_abduction": (-0.3, 2.3)})
     pen = pinograsp.Cylinder(radius=0.01, height=0.12, mass=0.5, pose=paper_case.make_object().pose)
     points = {"thumb": [-2.6e-3, -9.6e-3, 61.5e-3], "index": [4.7e-3, 8.8e-3, 71e-3], "middle": [1.7e-3, 9.7e-3, 50e-3]}
-    problem = pinograsp.ForceProblem.holding(pen, pinograsp.contacts_at(hand, pen, points), mu=0.7)
+    problem = pinograsp.ForceProblem.holding(
+        pen, pinograsp.contacts_at(hand, pen, points), mu=0.7, friction=pinograsp.Friction(), max_depth=5e-3
+    )
     plan = pinograsp.plan_grasp(hand, problem)
     assert plan.status is Status.OK and plan.forces.residual_moment < 1e-9
 
