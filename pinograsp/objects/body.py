@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypedDict, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, number, placement_of, read_only, shown
+from pinograsp.checks import array_of, brief, items_of, number, placement_of, read_only, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array, BoolArray
 
@@ -22,6 +22,8 @@ _Solid = TypeVar("_Solid", bound="Body")
 # nearer than this to an edge, no curvature is. Far above rounding for objects of a metre, far below any tolerance.
 NO_DIRECTION = 1e-9
 _DIGITS = 1e-2  # of inertias in files, which are rounded
+_LEAST, _MOST = 1e-3, 5.0  # [m] across, of what hands hold
+_UNITS = "are the units right?"
 _FAR = 1e100  # [m] squares of more overflow
 
 
@@ -46,7 +48,7 @@ class Body:
         pose: oMb (4, 4), the body frame in the world [m].
         inertia: rotational inertia (3, 3) about the centre of mass, body axes [kg m^2], where it was measured; None:
             that of a homogeneous solid.
-        notes: what was changed in what was given.
+        notes: what was changed in what was given, and sizes that hint at other units than metres.
     """
 
     mass: float = None  # type: ignore[assignment]  # a number once the constructor is done
@@ -77,6 +79,9 @@ class Body:
             mass=number(f"{name} mass", density * volume, above=0, unit="kg") if mass is None else mass,
             density=mass / volume if density is None else density,
         )
+        if self.inertia is not None:
+            most = self.mass * self.bounding_radius * self.bounding_radius
+            self._set(inertia=_checked_inertia(name, self.inertia, most))
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 finite = bool(np.isfinite(self.inertia_b).all())
@@ -84,8 +89,19 @@ class Body:
             finite = False
         if not finite:
             raise InvalidInput(f"{name}: expected a size whose inertia is a finite number, this one is too large")
-        if self.inertia is not None:
-            self._set(inertia=_checked_inertia(name, self.inertia, self.mass * self.bounding_radius**2))
+        given = [note for note in items_of("notes", self.notes, str) if not note.endswith(_UNITS)]
+        self._set(notes=(*given, *self._doubtful_units()))
+
+    def _doubtful_units(self) -> tuple[str, ...]:
+        """A note where lengths are likely to be in other units than metres."""
+        across = 2 * self.bounding_radius
+        if _LEAST <= across <= _MOST:
+            return ()
+        fit = "0.001 makes metres of millimetres" if across > _MOST else "1000 undoes metres read as millimetres"
+        return (
+            f"{self._name}: {across:.3g} m across, and hands hold objects of {1e3 * _LEAST:g} mm to {_MOST:g} m; the "
+            f"factor {fit} (of a mesh: scale=): {_UNITS}",
+        )
 
     def _set(self, **values: object) -> None:
         for name, value in values.items():
