@@ -1,7 +1,10 @@
 """Kinematics, dynamics and contact forces of robotic hands on Pinocchio.
 
-The public names are those of ``__init__.pyi``, loaded on first use, so that ``import pinograsp`` stays quick.
+The public names are those of ``__init__.pyi``, and the rooms (``pinograsp.forces``, ``pinograsp.spatial``...); all are
+loaded on first use, so that ``import pinograsp`` stays quick.
 """
+
+import importlib
 
 import lazy_loader
 
@@ -11,10 +14,25 @@ _named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> object:
-    """The public names, and ``__version__``: of the installed package, or of the sources around this file."""
+    """The public names, the rooms, and ``__version__``: that of the installed package, or of the sources around."""
     if name == "__version__":
         return _version()
-    return _named(name)
+    if name in __all__:
+        return _named(name)
+    if not name.startswith("_"):
+        if name in (rooms := _rooms()):
+            return importlib.import_module(f"{__name__}.{name}")
+        from difflib import get_close_matches
+
+        if near := get_close_matches(name, [*__all__, *rooms], n=1):
+            raise AttributeError(f"module '{__name__}' has no attribute '{name}': did you mean '{near[0]}'?")
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+
+
+def _rooms() -> list[str]:
+    from pkgutil import iter_modules
+
+    return [module.name for module in iter_modules(__path__)]
 
 
 def _version() -> str:

@@ -1,5 +1,6 @@
 """What ``pinograsp`` offers by name; each is loaded on first use, for which this file is read."""
 
+from . import spatial as spatial
 from .cases import (
     load_case as load_case,
 )
