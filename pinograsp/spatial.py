@@ -7,6 +7,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pinograsp.errors import InvalidInput
+
 # The arrays of the package: numbers, indices and counts, answers.
 Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.integer]
@@ -20,9 +22,22 @@ _VANISHED = 1e-6
 FARTHEST = 1e3
 
 
+def _numbers(name: str, value: ArrayLike, *ends: int, single: bool = False) -> Array:
+    """``value`` (..., *ends), or (*ends) of a ``single`` one, as finite numbers."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    extra = array.ndim - len(ends)
+    if extra < 0 or (single and extra) or array.shape[array.ndim - len(ends) :] != ends or not np.isfinite(array).all():
+        wanted = f"finite numbers of shape (..., {', '.join(map(str, ends))})" if ends else "a finite number"
+        raise InvalidInput(f"{name}: expected {wanted}, got {value!r:.60}")
+    return array
+
+
 def skew(v: ArrayLike) -> Array:
     """Cross-product matrices, shape (..., 3, 3), of vectors (..., 3): ``skew(a) @ b == cross(a, b)``."""
-    v = np.asarray(v, dtype=float)
+    v = _numbers("vector", v, 3)
     out = np.zeros((*v.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
     out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
@@ -37,9 +52,11 @@ def tangent_frame(normal_o: ArrayLike, gravity_o: ArrayLike = (0.0, 0.0, -9.81))
     or, where that vanishes, the world x (then y) axis projected; y completes a right-handed frame. The rule is
     deterministic, so the friction multipliers (k1, k2) of Eq. (27) have a fixed meaning: k1 is "up".
     """
-    z = np.asarray(normal_o, dtype=float)
-    z = z / np.linalg.norm(z)
-    gravity = np.asarray(gravity_o, dtype=float)
+    z, gravity = _numbers("normal", normal_o, 3, single=True), _numbers("gravity", gravity_o, 3, single=True)
+    size = float(np.linalg.norm(z))
+    if not 0 < size < np.inf:
+        raise InvalidInput(f"tangent frame: expected one normal that is not zero, one gravity, got {normal_o!r:.60}")
+    z = z / size
     strength = np.linalg.norm(gravity)
     up = -gravity / strength if strength > 0 else np.array([0.0, 0.0, 1.0])
     for direction in (up, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
@@ -55,7 +72,8 @@ def tangent_frame(normal_o: ArrayLike, gravity_o: ArrayLike = (0.0, 0.0, -9.81))
 
 def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Rotation (3, 3) from fixed-axis roll, pitch, yaw [rad], the URDF convention Rz(yaw) Ry(pitch) Rx(roll)."""
-    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
+    angles = (_numbers("roll, pitch, yaw", angle) for angle in (roll, pitch, yaw))
+    cr, sr, cp, sp, cy, sy = (f(a) for a in angles for f in (np.cos, np.sin))
     return np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -67,6 +85,7 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
 
 def inverse_of(poses: Array) -> Array:
     """Inverses of homogeneous placements (..., 4, 4)."""
+    poses = _numbers("placements", poses, 4, 4)
     found = np.zeros_like(poses)
     turned = poses[..., :3, :3].swapaxes(-1, -2)
     found[..., :3, :3], found[..., 3, 3] = turned, 1.0
@@ -77,7 +96,7 @@ def inverse_of(poses: Array) -> Array:
 def pose_of(position: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = None) -> Array:
     """Homogeneous placement aMb (4, 4) from a position [m] and a rotation (3, 3)."""
     pose = np.eye(4)
-    pose[:3, 3] = position
+    pose[:3, 3] = _numbers("position", position, 3, single=True)
     if rotation is not None:
-        pose[:3, :3] = rotation
+        pose[:3, :3] = _numbers("rotation", rotation, 3, 3, single=True)
     return pose

@@ -37,8 +37,8 @@ def world(hand, contacts, cylinder):
     pen = cylinder
     corners = 0.02 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
     block = pg.Mesh(vertices=corners, faces=ConvexHull(corners).simplices, convex=True, mass=0.1)
-    problem = pg.ForceProblem.holding(pen, contacts, mu=0.7, friction=pg.Friction(model="cone"))
-    paper = pg.ForceProblem.holding(pen, contacts, mu=0.7)
+    problem = pg.ForceProblem.holding(pen, contacts, mu=0.7, friction=pg.Friction(model="cone"), max_depth=5e-3)
+    paper = pg.ForceProblem.holding(pen, contacts, mu=0.7, friction=pg.Friction(), max_depth=5e-3)
     solution = pg.optimize_forces(problem, T_I, objective="least_squares")
     assert solution.status is pg.Status.OK
     grid = pg.GridSpec(accelerations=np.linspace(0.05, 1, 7), multipliers=np.linspace(-1, 1, 3))

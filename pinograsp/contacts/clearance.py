@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, instance_of
+from pinograsp.checks import array_of, instance_of, integer
 from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
@@ -242,6 +242,9 @@ def _pose(data: pin.Data, joint: int, placement: pin.SE3) -> coal.Transform3s:
 
 def link_centre(hand: HandModel, data: pin.Data, joint: int) -> Array:
     """Centre of the geometry that a joint carries (3,) in the world [m]; its origin where it carries none."""
+    instance_of("hand", hand, HandModel)
+    instance_of("data", data, pin.Data)
+    joint = integer("joint", joint, at_least=0, at_most=hand.model.njoints - 1)
     own = [one for one in hand.geometry.geometryObjects if one.parentJoint == joint]
     for one in own:
         one.geometry.computeLocalAABB()
@@ -255,6 +258,8 @@ def fingertips(hand: HandModel, data: pin.Data) -> Array:
     A single finger presses with its end against the palm. For it: its end, and the point of the palm that is nearest
     to where that end can get (2, 3).
     """
+    instance_of("hand", hand, HandModel)
+    instance_of("data", data, pin.Data)
     last = [finger.joint_ids[-1] for finger in hand.fingers]
     if len(last) > 1:
         return np.array([link_centre(hand, data, joint) for joint in last])

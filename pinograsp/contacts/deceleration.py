@@ -256,6 +256,9 @@ def _horner(coefficients: list[float], x: float) -> float:
 CONSTANT = DecelerationShape.constant()
 
 
+_LONGEST = 1e9  # [s] thirty years; depths are proportional to the square
+
+
 def bounds_of(
     final_time: float,
     impact_time_range: ArrayLike,
@@ -264,7 +267,7 @@ def bounds_of(
     max_depth: float,
 ) -> dict[str, object]:
     """Times and bounds of Eq. (13) and (14) by name, checked."""
-    final_time = number("final time t_F", final_time, above=0, unit="s")
+    final_time = number("final time t_F", final_time, above=0, at_most=_LONGEST, unit="s")
     low, high = _range("impact time range", impact_time_range, "s")
     if high >= final_time:
         raise InvalidInput(f"impact time range: expected below the final time {final_time:g} s, got {high:g} s")

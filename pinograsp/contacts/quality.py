@@ -294,6 +294,7 @@ def on_edges(body: Body, contacts: ContactSet) -> BoolArray:
     with another point of the same normal, are not: its area decides, not its corners.
     """
     instance_of("body", body, Body)
+    instance_of("contacts", contacts, ContactSet)
     points, normals = np.array([contact.point_o for contact in contacts]), contacts.rotations_oc[:, :, 2]
     turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
     circle = _NEARBY * np.column_stack([np.cos(turn), np.sin(turn)])
@@ -310,7 +311,9 @@ def past_edges(body: Body, contacts: ContactSet, depths: Array) -> BoolArray:
     the object flat are not, as for :func:`on_edges`.
     """
     instance_of("body", body, Body)
+    instance_of("contacts", contacts, ContactSet)
     points, normals = np.array([contact.point_o for contact in contacts]), contacts.rotations_oc[:, :, 2]
+    depths = array_of("depths", depths, (len(points),))
     nearest = body.project(points + depths[:, None] * normals)[0]
     moved = np.linalg.norm(nearest - points, axis=1)
     return np.asarray((moved > np.maximum(_LIKE * depths, _EXACT)) & ~_flat(contacts))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import overload
 
 import numpy as np
 
-from pinograsp.checks import brief
+from pinograsp.checks import brief, items_of, number, shown
+from pinograsp.errors import InvalidInput
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, BoolArray
 
@@ -33,6 +34,10 @@ class Tolerance:
     gap: float = 1e-6
     proof: float = 1e-11
     active: float = 1e-6
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            number(f"tolerance of {one.name}", getattr(self, one.name))
 
 
 TOLERANCE = Tolerance()
@@ -165,7 +170,15 @@ class Certificate:
 
         That is: residual_norm <= tolerance.residual * load_size,
         violation <= tolerance.violation * force_size, and objective - lower_bound <= tolerance.gap * objective_size.
+
+        Raises:
+            InvalidInput: a number in place of a :class:`Tolerance`, which has one for each of the three.
         """
+        if not isinstance(tolerance, Tolerance):
+            raise InvalidInput(
+                "tolerance: expected a Tolerance, which has one number for the balance, the limits and the gap each, "
+                f"as Tolerance(gap=1e-6), got {shown(tolerance)}"
+            )
         return is_optimal(
             residual_norm=self.residual_norm,
             load_size=self.load_size,
@@ -178,6 +191,7 @@ class Certificate:
 
     def active(self, names: Sequence[str]) -> tuple[str, ...]:
         """The active limits in words, for contacts called ``names``."""
+        names = items_of("names", names, str)
         words = [
             f"{name}: {limit}"
             for limit, mask in (

@@ -150,6 +150,7 @@ def load_factor(
     Raises:
         InvalidInput: no load; both or neither of ``normal_forces`` and ``impact_time``.
     """
+    instance_of("problem", problem, ForceProblem)
     return 1.0 + disturbance_margin(problem, problem.load, normal_forces=normal_forces, impact_time=impact_time)
 
 
@@ -270,14 +271,14 @@ def force_closure(
     Args:
         contacts: k contacts.
         mu: friction coefficient, a number or (k,) [-].
-        friction: the friction model; default: the exact cone.
+        friction: the friction model; None: as :class:`ForceProblem` chooses it.
         balance: ``"wrench"`` or ``"force"``.
     """
     problem = ForceProblem(
         contacts=contacts,
         load=np.zeros(6),
         mu=mu,
-        friction=Friction(model="cone") if friction is None else friction,
+        friction=friction,
         balance=balance,
     )
     A = balance_columns(problem, problem.friction.scale(problem.mu))

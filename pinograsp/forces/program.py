@@ -37,6 +37,8 @@ OBJECTIVES: tuple[ObjectiveName, ...] = get_args(ObjectiveName)
 # One of them, or the weights of a sum.
 Objective: TypeAlias = ObjectiveName | Mapping[ObjectiveName, float]
 
+_LIGHTEST, _HEAVIEST = 1e-100, 1e100  # weights that squares of forces can be multiplied by, and divided by again
+
 # Per grasp-energy measure: (coefficient, exponent) pairs.
 EnergyTerms: TypeAlias = Mapping[Measure, Sequence[tuple[float, float]]]
 
@@ -236,10 +238,14 @@ def weights_of(objective: Objective | None, problem: ForceProblem) -> dict[str, 
         raise InvalidInput(
             f"objective: expected a name or {{name: weight}} of {', '.join(OBJECTIVES)}, got {shown(objective)}"
         )
-    weights: dict[str, float] = {
-        one_of("objective", name, OBJECTIVES): number(f"weight of {shown(name)}", weight, at_least=0)
-        for name, weight in objective.items()
-    }
+    weights: dict[str, float] = {}
+    for name, weight in objective.items():
+        weights[one_of("objective", name, OBJECTIVES)] = own = number(f"weight of {shown(name)}", weight, at_least=0)
+        if own and not _LIGHTEST <= own <= _HEAVIEST:
+            raise InvalidInput(
+                f"weight of {shown(name)}: expected 0, or {_LIGHTEST:g} to {_HEAVIEST:g}, got {own:g}: only the ratios "
+                "of the weights matter"
+            )
     if not any(weights.values()):
         raise InvalidInput("objective: expected at least one weight above 0")
     if weights.get("motor_heat") and problem.torques is None:

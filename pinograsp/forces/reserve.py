@@ -129,10 +129,12 @@ class Reserve:
 
     def kept_friction(self, friction: Friction) -> Friction:
         """The friction that is relied on."""
+        instance_of("friction", friction, Friction)
         return replace(friction, safety=friction.safety / (1.0 - self.friction)) if self.friction else friction
 
     def least_force(self, weight: float) -> float:
         """The least normal force of each contact [N] under a weight [N]."""
+        weight = number("weight", weight, at_least=0, unit="N")
         return max(LEAST_FORCE, self.normal_force * weight) if self.normal_force else 0.0
 
     def problem(self, problem: ForceProblem) -> ForceProblem:
@@ -141,7 +143,7 @@ class Reserve:
         Friction is kept back by the friction model's safety factor, torques by ``TorqueLimits.reserve``, so that the
         problem still has its own mu and limits, and margins are those of all of it.
         """
-        body = _held(problem)
+        body = _held(instance_of("problem", problem, ForceProblem))
         friction, torques, floor = problem.friction, problem.torques, problem.min_normal_force
         friction = self.kept_friction(friction)
         if self.torque and torques is not None:
@@ -391,6 +393,8 @@ def reserve_along(
 
 def parts_in_the_way(problem: ForceProblem, reserve: Reserve, *, objective: Objective | None = None) -> tuple[str, ...]:
     """Names of the parts of a reserve without which, one at a time, a squeeze is found where there is none with all."""
+    instance_of("problem", problem, ForceProblem)
+    instance_of("reserve", reserve, Reserve)
     found = []
     for part, value in asdict(reserve).items():
         # The programs that are tried here have contacts as stiff as assumed.

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.linalg import lapack
 
-from pinograsp.checks import frozen
+from pinograsp.checks import frozen, instance_of
 from pinograsp.contacts import PALM, ContactSet, PenetrationProfile
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.forces import ForceSolution
@@ -106,7 +106,8 @@ def normal_at_rest(hand: HandModel, solution: ForceSolution) -> Array | None:
     """Normal forces (k,) [N] that a closed hand leaves of a solution once the object is let go, with the hand's own
     servos; None where that is not foreseen.
     """
-    posture = solution.problem.contacts.posture
+    instance_of("hand", hand, HandModel)
+    posture = instance_of("solution", solution, ForceSolution).problem.contacts.posture
     if posture is None:
         return None
     rest = press_closed(hand, solution, posture, servo_gains(hand)).rest

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, each_of, instance_of, shown
+from pinograsp.checks import array_of, each_of, floats_of, instance_of, shown
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimit, TorqueLimits, Underactuation
@@ -83,6 +83,7 @@ def effort_of(hand: HandModel, torque_limit: TorqueLimit) -> Array:
         hand: whose joints they are.
         torque_limit: (n,) or one number; ``"effort"``: the hand's own effort limits, where a joint has one; None: none.
     """
+    instance_of("hand", hand, HandModel)
     limit = given_limit(torque_limit)
     if limit is None:
         return np.full(hand.n, np.inf)
@@ -110,8 +111,10 @@ def torques_matter(hand: HandModel, limit: Array | None) -> bool:
 
     None: torques are left out.
     """
+    instance_of("hand", hand, HandModel)
     if limit is None:
         return False
+    limit = floats_of("torque limit", limit)
     return bool(np.isfinite(limit).any()) or (not hand.direct_drive and bool(ratios_of(hand.joint_names, hand.drives)))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import brief, frozen, instance_of, integer, mapping_of, number, one_of
+from pinograsp.checks import brief, flag, frozen, instance_of, integer, mapping_of, number, one_of
 from pinograsp.contacts import PALM, Contact, ContactSet, PenetrationProfile
 from pinograsp.contacts.clearance import Way
 from pinograsp.contacts.self_collision import SelfCollisions
@@ -113,7 +113,7 @@ def plan_motion(
     postures = contact_postures(
         hand, contacts, reference=_of_touching(contacts, spec.posture), spread=spec.spread, samples=spec.samples
     )
-    planning = _Planning(hand, solution, spec, corrected)
+    planning = _Planning(hand, solution, spec, flag("corrected", corrected))
     groups = moving_groups(hand, contacts)
     for finger, which in groups:
         planning.move(finger, which, postures[finger.name])

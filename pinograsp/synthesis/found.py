@@ -154,7 +154,7 @@ def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve) -> Array
 
 def problem_of(hand: HandModel, body: Body, contacts: ContactSet, conditions: GraspConditions) -> ForceProblem:
     """The problem of holding an object with a closed hand, torques limited at the posture of the contacts."""
-    problem = conditions.problem(body, contacts)
+    problem = instance_of("conditions", conditions, GraspConditions).problem(body, contacts)
     limit = effort_of(hand, conditions.torque_limit)
     if conditions.torque_limit is None or not torques_matter(hand, limit):
         return problem

@@ -32,7 +32,12 @@ def problems_of(friction, count, seed, balance="wrench"):
         load = np.append(rng.normal(size=3), radius * rng.normal(size=3)) * 10 ** rng.uniform(-2, 1)
         made.append(
             pg.ForceProblem(
-                contacts=contacts, load=load, mu=rng.uniform(0.2, 1.2, k), friction=friction, balance=balance
+                contacts=contacts,
+                load=load,
+                mu=rng.uniform(0.2, 1.2, k),
+                friction=friction,
+                balance=balance,
+                max_depth=5e-3,
             )
         )
     return made

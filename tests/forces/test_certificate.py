@@ -19,7 +19,9 @@ T_I = 0.85
 def certificate():
     body = pg.Cylinder(radius=0.03, height=0.1, mass=0.2)
     points = [[0.03, 0, 0], [-0.015, 0.0259, 0.01], [-0.015, -0.0259, -0.01]]
-    problem = pg.ForceProblem.holding(body, pg.contacts_at(None, body, points, tolerance=1e-2), mu=0.8)
+    problem = pg.ForceProblem.holding(
+        body, pg.contacts_at(None, body, points, tolerance=1e-2), mu=0.8, friction=pg.Friction(), max_depth=5e-3
+    )
     found = pg.optimize_forces(problem, T_I, objective="least_squares", backend="clarabel")
     assert found.status is Status.OK
     return found.certificate

@@ -61,7 +61,9 @@ def test_same_optimum_as_the_general_method(contact_set, model, objective, k, so
     agreed = 0
     for contacts, load in grasps(contact_set, k, 6, 10 * k):
         torques = joint_limits(k) if limited else None
-        problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=MODELS[model], torques=torques)
+        problem = ForceProblem(
+            contacts=contacts, load=load, mu=0.7, friction=MODELS[model], torques=torques, max_depth=5e-3
+        )
         slow = optimize_forces(problem, 0.85, objective=objective, backend="clarabel")
         for fast in (
             optimize_forces(problem, 0.85, objective=objective, backend=solver),
@@ -99,6 +101,7 @@ def test_both_paths_write_the_same_record(contact_set, model, balance):
             balance=balance,
             max_normal_force=[5.0, 6.0, 7.0, 50.0],
             torques=joint_limits(4),
+            max_depth=5e-3,
         )
         objective = {"work": 1.0, "least_squares": 1e-3}
         whole = optimize_forces(problem, 0.85, objective=objective, backend="interior")
@@ -124,8 +127,11 @@ def test_both_paths_write_the_same_record(contact_set, model, balance):
 
 def test_another_load(contact_set):
     contacts, load = next(grasps(contact_set, 4, 1, 3))
-    problem = ForceProblem(contacts=contacts, load=load, mu=0.7)
-    changed, made = problem.with_load(2 * load), ForceProblem(contacts=contacts, load=2 * load, mu=0.7)
+    problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(), max_depth=5e-3)
+    changed, made = (
+        problem.with_load(2 * load),
+        ForceProblem(contacts=contacts, load=2 * load, mu=0.7, friction=Friction(), max_depth=5e-3),
+    )
     assert np.array_equal(changed.load, made.load) and np.array_equal(problem.load, load)
     assert optimize_forces(changed, 0.85).certificate.objective == pytest.approx(
         optimize_forces(made, 0.85).certificate.objective, rel=1e-8
@@ -136,7 +142,7 @@ def test_another_load(contact_set):
 
 def test_bounds_that_leave_no_room_go_to_the_general_method(contact_set):
     contacts, load = next(grasps(contact_set, 4, 1, 3))
-    problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"))
+    problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"), max_depth=5e-3)
     lo, _hi = problem.normal_force_range(0.85)
     for cap, status in ((lo * 0.5, Status.INFEASIBLE), (lo, Status.INFEASIBLE)):
         found = optimize_forces(replace(problem, max_normal_force=cap), 0.85, backend="interior")
@@ -147,7 +153,7 @@ def test_force_balance_and_many_contacts(contact_set):
     for contacts, load in grasps(contact_set, 60, 2, 0):
         for balance in ("force", "wrench"):
             problem = ForceProblem(
-                contacts=contacts, load=load, mu=0.5, balance=balance, friction=Friction(model="cone")
+                contacts=contacts, load=load, mu=0.5, balance=balance, friction=Friction(model="cone"), max_depth=5e-3
             )
             found = optimize_forces(problem, 0.9, objective="least_squares", backend="newton")
             assert found.status is Status.OK and found.backend == "newton"
@@ -172,7 +178,9 @@ def test_auto_uses_them_only_where_they_apply(contact_set):
 
 def test_infeasible_loads_are_proven(contact_set):
     for contacts, load in grasps(contact_set, 4, 4, 7):
-        problem = ForceProblem(contacts=contacts, load=1e3 * load, mu=0.5, friction=Friction(model="cone"))
+        problem = ForceProblem(
+            contacts=contacts, load=1e3 * load, mu=0.5, friction=Friction(model="cone"), max_depth=5e-3
+        )
         for solver in ("newton", "interior"):
             found = optimize_forces(problem, 0.85, backend=solver)
             assert found.status is Status.INFEASIBLE and found.infeasibility.margin > 0
@@ -201,7 +209,7 @@ def test_interior_points_recognise_infeasible_loads(contact_set):
     proven = 0
     for contacts, load in grasps(contact_set, 4, 4, 7):
         for model in MODELS.values():
-            problem = ForceProblem(contacts=contacts, load=1e3 * load, mu=0.5, friction=model)
+            problem = ForceProblem(contacts=contacts, load=1e3 * load, mu=0.5, friction=model, max_depth=5e-3)
             code, _, _, y, program = answered(problem, "interior")
             assert code != core.CONVERGED
             if program.excluded(y, np.zeros(0)) > 0:
@@ -214,7 +222,7 @@ def test_dual_newton_recognises_infeasible_loads(contact_set):
     for factor in (1e3, 1.0):
         for contacts, load in grasps(contact_set, 4, 4, 7):
             for name, model in MODELS.items():
-                problem = ForceProblem(contacts=contacts, load=factor * load, mu=0.5, friction=model)
+                problem = ForceProblem(contacts=contacts, load=factor * load, mu=0.5, friction=model, max_depth=5e-3)
                 found = answered(problem, "newton")
                 if found is None:
                     continue
@@ -241,7 +249,7 @@ def test_without_the_core_general_methods_answer(contact_set, monkeypatch):
     monkeypatch.setitem(sys.modules, "pinograsp.core._core_base", None)
     monkeypatch.setattr(core, "installed", lambda: False)
     contacts, load = next(grasps(contact_set, 4, 1, 3))
-    problem = ForceProblem(contacts=contacts, load=load, mu=0.7)
+    problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(), max_depth=5e-3)
     try:
         assert optimize_forces(problem, 0.85).backend == "daqp"
         for needs in (
@@ -268,7 +276,9 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
     rng, compared = np.random.default_rng(0), 0
     for contacts, load in grasps(contact_set, 4, 3, 3):
         torques = joint_limits(4) if limited else None
-        problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=MODELS[model], torques=torques)
+        problem = ForceProblem(
+            contacts=contacts, load=load, mu=0.7, friction=MODELS[model], torques=torques, max_depth=5e-3
+        )
         for objective in ("work", "impulse", "least_squares"):
             weights = weights_of(objective, problem)
             terms = {} if objective == "least_squares" else {objective: problem.energy_terms(0.85, objective)}
@@ -307,7 +317,7 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
 def test_problems_go_to_other_processes(contact_set):
     """Without what solvers keep with them, which cannot be pickled, and read-only as before."""
     contacts, load = next(grasps(contact_set, 4, 1, 3))
-    problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"))
+    problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"), max_depth=5e-3)
     found = [optimize_forces(problem, 0.85, backend=solver) for solver in ("clarabel", "interior", "interior")][-1]
     there = pickle.loads(pickle.dumps(found))
     assert not there.problem.load.flags.writeable
@@ -409,7 +419,14 @@ def test_new_weights_loads_and_limits_leave_nothing_behind(contact_set):
         for i in range(count):
             jacobian = np.concatenate([rng.uniform(-0.08, 0.08, (20, 3, 9)), rng.normal(size=(20, 3, 9))], axis=1)
             limits = TorqueLimits(jacobian=jacobian, bias=np.zeros(9), limit=np.full(9, 10.0)) if i % 2 else None
-            problem = ForceProblem(contacts=contacts, load=load * rng.uniform(0.9, 1.1), mu=0.8, torques=limits)
+            problem = ForceProblem(
+                contacts=contacts,
+                load=load * rng.uniform(0.9, 1.1),
+                mu=0.8,
+                torques=limits,
+                friction=Friction(),
+                max_depth=5e-3,
+            )
             weights = {"work": 1.0, "least_squares": rng.uniform(1e-4, 1e-3)}
             assert optimize_forces(problem, rng.uniform(0.8, 0.9), objective=weights).found
 

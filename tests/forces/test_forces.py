@@ -11,7 +11,7 @@ from conftest import PUBLISHED_FORCES
 from hypothesis import given, strategies as st
 from scipy.optimize import lsq_linear
 
-from pinograsp.contacts import Compliance, contacts_at
+from pinograsp.contacts import Compliance, Friction, contacts_at
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
     SOLVERS,
@@ -40,7 +40,8 @@ def random_problem(seed, k=None, **settings):
         shape = Cylinder(radius=0.02, height=0.1, mass=rng.uniform(0.05, 1.0))
         a = rng.uniform(0, 2 * np.pi, k)
         points = np.column_stack([0.02 * np.cos(a), 0.02 * np.sin(a), rng.uniform(-0.03, 0.03, k)])
-    choices = {"mu": rng.uniform(0.2, 1.2), "balance": ("force", "wrench")[seed // 2 % 2]} | settings
+    choices = {"mu": rng.uniform(0.2, 1.2), "balance": ("force", "wrench")[seed // 2 % 2]}
+    choices |= {"friction": Friction(), "max_depth": 5e-3, **settings}
     return ForceProblem.holding(shape, contacts_at(None, shape, points), **choices), rng.uniform(0.5, 10, k)
 
 
@@ -200,7 +201,9 @@ def test_multipliers_do_not_depend_on_the_unit_of_force(make_problem, scale):
 def test_duplicate_and_collinear_contacts():
     shape = Cylinder(radius=0.02, height=0.1, mass=0.2)
     line = [[0.02, 0, 0], [0.02, 0, 0], [-0.02, 0, 0.01], [-0.02, 0, -0.01]]
-    problem = ForceProblem.holding(shape, contacts_at(None, shape, line), mu=0.8, balance="wrench")
+    problem = ForceProblem.holding(
+        shape, contacts_at(None, shape, line), mu=0.8, balance="wrench", friction=Friction(), max_depth=5e-3
+    )
     for solver in SOLVERS:
         assert refine_multipliers(problem, [2, 2, 2, 2], solver=solver).status is Status.OK
 
@@ -325,6 +328,8 @@ def test_pruned_search_equals_brute_force(seed):
         measure=("impulse", "work")[seed // 2 % 2],
         compliance=Compliance(exponent=rng.choice([1.0, 1.5, 2.2]), stiffness=rng.choice([5e3, 5e4])),
         max_speed=rng.choice([0.1, 2.0]),
+        friction=Friction(),
+        max_depth=5e-3,
     )
     low = rng.choice([-1.0, 0.0])
     grid = GridSpec(
@@ -353,7 +358,12 @@ def test_brute_force_is_a_plain_loop():
 
     shape = Cylinder(radius=0.02, height=0.1, mass=0.1)
     problem = ForceProblem.holding(
-        shape, contacts_at(None, shape, [[0.02, 0, 0], [-0.02, 0, 0]]), mu=0.9, compliance=Compliance(stiffness=5e3)
+        shape,
+        contacts_at(None, shape, [[0.02, 0, 0], [-0.02, 0, 0]]),
+        mu=0.9,
+        compliance=Compliance(stiffness=5e3),
+        friction=Friction(),
+        max_depth=5e-3,
     )
     grid = GridSpec(
         impact_times=[0.8, 0.9], accelerations=[0.1, 0.2, 0.4, 0.8], multipliers=[-1, -0.3, 0.4, 1], residual_limit=0.6
@@ -387,7 +397,9 @@ def test_blocks_do_not_change_the_result(monkeypatch):
     shape = Cylinder(radius=0.02, height=0.1, mass=0.5)
     angles = np.array([0.1, 1.8, 3.3, 4.9])
     points = np.column_stack([0.02 * np.cos(angles), 0.02 * np.sin(angles), [0.01, -0.01, 0.0, 0.02]])
-    problem = ForceProblem.holding(shape, contacts_at(None, shape, points), mu=0.6, balance="force")
+    problem = ForceProblem.holding(
+        shape, contacts_at(None, shape, points), mu=0.6, balance="force", friction=Friction(), max_depth=5e-3
+    )
     grid = GridSpec(accelerations=np.linspace(0.05, 1, 9), multipliers=np.linspace(-1, 1, 3), residual_limit=0.5)
     whole = grid_search(problem, grid, search="paper")
     hybrid = grid_search(problem, grid)
@@ -420,7 +432,9 @@ def test_five_contacts_stay_within_memory():
     shape = Cylinder(radius=0.02, height=0.1, mass=0.4)
     angles = np.linspace(0, 2 * np.pi, 6)[:5] + rng.uniform(-0.2, 0.2, 5)
     points = np.column_stack([0.02 * np.cos(angles), 0.02 * np.sin(angles), rng.uniform(-0.03, 0.03, 5)])
-    problem = ForceProblem.holding(shape, contacts_at(None, shape, points), mu=0.6, balance="wrench")
+    problem = ForceProblem.holding(
+        shape, contacts_at(None, shape, points), mu=0.6, balance="wrench", friction=Friction(), max_depth=5e-3
+    )
     tracemalloc.start()
     found = grid_search(problem, GridSpec(accelerations=np.linspace(0.05, 1, 60), impact_times=[0.9]))
     peak = tracemalloc.get_traced_memory()[1]
@@ -468,7 +482,14 @@ def test_order_of_contacts_does_not_matter(cylinder):
     points = np.array([[-2.6, -9.6, 61.5], [4.7, 8.8, 71.0], [1.7, 9.7, 50.0]]) * 1e-3
     energies = set()
     for order in ([0, 1, 2], [2, 0, 1], [1, 0, 2]):
-        problem = ForceProblem.holding(cylinder, contacts_at(None, cylinder, points[order]), mu=0.7, measure="work")
+        problem = ForceProblem.holding(
+            cylinder,
+            contacts_at(None, cylinder, points[order]),
+            mu=0.7,
+            measure="work",
+            friction=Friction(),
+            max_depth=5e-3,
+        )
         energies.add(round(grid_search(problem).work, 14))
     assert len(energies) == 1
 
@@ -559,7 +580,12 @@ def test_pruned_search_equals_brute_force_on_larger_grids(kind, often):
         shape = Cylinder(radius=0.02, height=0.1, mass=rng.uniform(0.1, 0.8))
         points = np.column_stack([0.02 * np.cos(angles), 0.02 * np.sin(angles), rng.uniform(-0.02, 0.02, 3)])
         problem = ForceProblem.holding(
-            shape, contacts_at(None, shape, points), mu=rng.uniform(0.5, 1.0), balance=("force", "wrench")[seed % 2]
+            shape,
+            contacts_at(None, shape, points),
+            mu=rng.uniform(0.5, 1.0),
+            balance=("force", "wrench")[seed % 2],
+            friction=Friction(),
+            max_depth=5e-3,
         )
         grid = GridSpec(
             accelerations=np.linspace(0.1, 1, 8),

@@ -195,7 +195,11 @@ def test_contacts_at_the_very_limit_of_friction_end_the_search(miss, objective):
     tilt = np.arctan(0.5 / np.sqrt(2)) + miss
     normals = [[-np.cos(tilt), np.sin(tilt), 0], [np.cos(tilt), np.sin(tilt), 0]]
     problem = ForceProblem(
-        contacts=contact_set_of([[0.03, 0, 0], [-0.03, 0, 0]], normals), load=[0, 0, -1e-6, 0, 0, 0], mu=0.5
+        contacts=contact_set_of([[0.03, 0, 0], [-0.03, 0, 0]], normals),
+        load=[0, 0, -1e-6, 0, 0, 0],
+        mu=0.5,
+        friction=Friction(),
+        max_depth=5e-3,
     )
     found = optimize_grasp(problem, objective=objective)
     assert found.status in (Status.OK, Status.INFEASIBLE, Status.INACCURATE) and len(found.branches) <= 500

@@ -110,7 +110,13 @@ def test_disturbance_margins_equal_another_solver_s_linear_program(contact_set):
     compared = 0
     for seed in range(12):
         contacts = around(contact_set, 5, seed)
-        problem = ForceProblem(contacts=contacts, load=np.append(rng.normal(size=3), 0.01 * rng.normal(size=3)), mu=0.8)
+        problem = ForceProblem(
+            contacts=contacts,
+            load=np.append(rng.normal(size=3), 0.01 * rng.normal(size=3)),
+            mu=0.8,
+            friction=Friction(),
+            max_depth=5e-3,
+        )
         direction = np.append(rng.normal(size=3), 0.02 * rng.normal(size=3))
         low, high = problem.normal_force_range(0.85)
         found = disturbance_margin(problem, direction, impact_time=0.85)
@@ -136,7 +142,7 @@ def test_a_load_that_is_too_much_has_no_margin_even_where_more_would_relieve_it(
     body = Cylinder(radius=0.03, height=0.1, mass=4.0)
     angle = np.array([0.0, 2.1, 4.2])
     contacts = contacts_at(None, body, 0.03 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]))
-    problem = ForceProblem(contacts=contacts, load=[0, 0, -40.0, 0, 0, 0], mu=0.5, friction=friction)
+    problem = ForceProblem(contacts=contacts, load=[0, 0, -40.0, 0, 0, 0], mu=0.5, friction=friction, max_depth=5e-3)
     assert optimize_forces(problem, 0.9).status is Status.INFEASIBLE
     up = [0, 0, 1.0, 0, 0, 0]
     assert disturbance_margin(problem, up, impact_time=0.9) == -1.0

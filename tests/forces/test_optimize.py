@@ -266,6 +266,7 @@ def test_one_to_sixty_contacts():
             mu=0.6,
             balance="force" if k == 1 else "wrench",
             friction=Friction(model=("pyramid", "cone", "soft")[k % 3], torsion=0.005),
+            max_depth=5e-3,
         )
         found = optimize_forces(problem, 0.9, objective="work")
         assert found.status is Status.OK, k
@@ -656,7 +657,9 @@ def test_torque_limits_ask_for_what_they_need(hand, contacts, cylinder, final_an
     assert torque_limits(hand, contacts, q, limit=0.5).limit.tolist() == [0.5] * hand.n
     unbounded = torque_limits(hand, contacts, q, limit=np.inf)
     costs = [
-        optimize_forces(ForceProblem.holding(cylinder, contacts, mu=0.7, torques=torques), 0.9).certificate.objective
+        optimize_forces(
+            ForceProblem.holding(cylinder, contacts, mu=0.7, torques=torques, friction=Friction(), max_depth=5e-3), 0.9
+        ).certificate.objective
         for torques in (None, unbounded)
     ]
     assert costs[0] == pytest.approx(costs[1], rel=1e-6)
@@ -733,7 +736,9 @@ def test_diagnosis_in_words(make_problem):
 
 def test_contacts_on_one_side_hold_no_multiple_of_a_load():
     contacts = contact_set_of([[0, 0, 0.02], [0.01, 0, 0.02], [0, 0.01, 0.02]], [[0, 0, -1.0]] * 3)
-    problem = ForceProblem(contacts=contacts, load=np.array([0, 0, -2.0, 0, 0, 0]), mu=0.5)
+    problem = ForceProblem(
+        contacts=contacts, load=np.array([0, 0, -2.0, 0, 0, 0]), mu=0.5, friction=Friction(), max_depth=5e-3
+    )
     found = diagnose(problem, 0.9)
     assert found.status is Status.INFEASIBLE and found.load_factors is None and found.smallest_mu is None
     assert "no multiple of this load" in found.text and "no friction coefficient up to 10" in found.text

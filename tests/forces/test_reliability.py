@@ -70,7 +70,7 @@ def test_load_alone_has_a_closed_form():
 def test_every_sample_is_a_problem_of_its_own(name):
     body, rng = pg.Cylinder(radius=0.03, height=0.2, mass=0.5), np.random.default_rng(2)
     contacts = pg.contacts_at(None, body, around_cylinder(rng, 4, 0.03))
-    problem = pg.ForceProblem.holding(body, contacts, mu=0.35, friction=MODELS[name])
+    problem = pg.ForceProblem.holding(body, contacts, mu=0.35, friction=MODELS[name], max_depth=5e-3)
     found = holding_probability(
         problem,
         IMPACT,

@@ -193,7 +193,11 @@ def test_unusable_reserves(make_problem, contacts):
         lambda: Reserve(friction=-0.1),
         lambda: Reserve(normal_force=float("nan")),
         lambda: Reserve(torque="much"),
-        lambda: optimize_reserve(pg.ForceProblem(contacts=contacts, load=np.ones(6), mu=0.7), Reserve(), 0.85),
+        lambda: optimize_reserve(
+            pg.ForceProblem(contacts=contacts, load=np.ones(6), mu=0.7, friction=pg.Friction(), max_depth=5e-3),
+            Reserve(),
+            0.85,
+        ),
         lambda: optimize_reserve(problem, 0.5, 0.85),
         lambda: Reserve().load_set("ball"),
         lambda: make_problem(min_normal_force=-1.0),

@@ -287,7 +287,9 @@ def test_springs_of_every_contact_give_way_alike(contact_set):
     directions = np.array([[1.0, 0.0, 0.1], [-0.5, 0.8, -0.1], [-0.5, -0.8, 0.2], [0.0, 0.1, -1.0]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     contacts = contact_set([("any", "", 0.03 * d, -d, None) for d in directions])
-    problem = pg.ForceProblem.holding(body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0))
+    problem = pg.ForceProblem.holding(
+        body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0), max_depth=5e-3
+    )
     push = np.array([0.3, -0.2, 0.4, 0.002, 0.001, -0.003])
     found = optimize_robust(problem, LoadSet(loads=[problem.load, problem.load + push]), 0.85, reaction="elastic")
     stiffness = np.zeros((6, 6))
@@ -352,7 +354,9 @@ def test_the_best_squeeze_on_a_line_of_normal_forces(contact_set):
     directions = np.array([[1.0, 0.0, 0.1], [-0.5, 0.8, -0.1], [-0.5, -0.8, 0.2], [0.0, 0.1, -1.0]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     contacts = contact_set([("any", "", 0.03 * d, -d, None) for d in directions])
-    problem = pg.ForceProblem.holding(body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0))
+    problem = pg.ForceProblem.holding(
+        body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0), max_depth=5e-3
+    )
     reserve = pg.Reserve(torque=0.0)
     best = optimize_reserve(problem, reserve, 0.85)
     along = np.array([1.0, 0.8, 1.1, 0.6])
@@ -384,7 +388,9 @@ def test_squeezes_on_contacts_of_other_stiffness_are_optimal_for_another_solver(
     directions = np.array([[1.0, 0.0, 0.1], [-0.5, 0.8, -0.1], [-0.5, -0.8, 0.2], [0.0, 0.1, -1.0]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     contacts = contact_set([("any", "", 0.03 * d, -d, None) for d in directions])
-    free = pg.ForceProblem.holding(body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0))
+    free = pg.ForceProblem.holding(
+        body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0), max_depth=5e-3
+    )
     reserve = pg.Reserve(friction=0.0, torque=0.0, normal_force=0.0)
     rng, k = np.random.default_rng(5), free.k
     G = np.array(contacts.G)

@@ -23,7 +23,9 @@ def disc():
     body = pg.Cylinder(radius=0.03, height=0.1, mass=0.2)
     angles = np.deg2rad([0, 130, 230])
     points = np.column_stack([0.03 * np.cos(angles), 0.03 * np.sin(angles), [0.01, 0.0, -0.01]])
-    return pg.ForceProblem.holding(body, pg.contacts_at(None, body, points), mu=0.7)
+    return pg.ForceProblem.holding(
+        body, pg.contacts_at(None, body, points), mu=0.7, friction=pg.Friction(), max_depth=5e-3
+    )
 
 
 @pytest.fixture

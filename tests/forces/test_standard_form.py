@@ -124,7 +124,13 @@ def test_others_reach_the_oracle_s_optimum_and_are_certified(family):
 @pytest.fixture(scope="module")
 def pinch():
     ball = pg.Sphere(radius=0.03, mass=0.2)
-    return pg.ForceProblem.holding(ball, pg.contacts_at(None, ball, [[0.03, 0, 0], [-0.03, 0, 0.0]]), mu=0.8)
+    return pg.ForceProblem.holding(
+        ball,
+        pg.contacts_at(None, ball, [[0.03, 0, 0], [-0.03, 0, 0.0]]),
+        mu=0.8,
+        friction=pg.Friction(),
+        max_depth=5e-3,
+    )
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning:qpsolvers")
@@ -146,7 +152,12 @@ def test_a_column_says_what_it_means():
     box = pg.Box(size=(0.04, 0.04, 0.04), mass=0.3)
     contacts = pg.contacts_at(None, box, [[0.02, 0, 0], [-0.02, 0, 0]])
     problem = pg.ForceProblem.holding(
-        box, contacts, mu=[0.5, 0.8], friction=pg.Friction(torsion=3e-3, safety=2.0), max_normal_force=[10.0, 15.0]
+        box,
+        contacts,
+        mu=[0.5, 0.8],
+        friction=pg.Friction(torsion=3e-3, safety=2.0),
+        max_normal_force=[10.0, 15.0],
+        max_depth=5e-3,
     )
     socp = problem.to_socp(0.9, objective={"peak": 1.0, "work": 1.0})
     unit = socp.force_scale
