@@ -163,7 +163,7 @@ class FrictionSection(Section):
 
 
 class ComplianceSection(Section):
-    """The contact law: stiffness [N/m^exponent], damping [N s/m], exponent."""
+    """The contact law: stiffness [N/m^exponent], damping [N s/m^(exponent + 1)], exponent."""
 
     stiffness: Positive = Compliance().stiffness
     damping: NotNegative = Compliance().damping

@@ -37,7 +37,7 @@ class Tolerance:
 
     def __post_init__(self) -> None:
         for one in fields(self):
-            number(f"tolerance of {one.name}", getattr(self, one.name), at_least=0)
+            number(f"tolerance of {one.name}", getattr(self, one.name))
 
 
 TOLERANCE = Tolerance()

@@ -59,6 +59,7 @@ BY_CAP = "largest normal force of the contact"
 
 # Larger values come from a mistake of units; solvers would lose all digits to rounding.
 _STRONG, _DEAR = 1e12, 1e100  # [N], energy per newton
+_ENDLESS = 1e300  # [N m] of a torque limit: more overflows when it is scaled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,9 +121,9 @@ class TorqueLimits:
         jacobian = array_of("contact Jacobians", self.jacobian, (None, 6, None))
         n = jacobian.shape[2]
         limit = floats_of("torque limits", self.limit, f"{n} numbers [N m]")
-        if limit.shape != (n,) or not np.all((limit > 0) & ((limit <= _STRONG) | (limit == np.inf))):
+        if limit.shape != (n,) or not np.all((limit > 0) & ((limit <= _ENDLESS) | (limit == np.inf))):
             raise InvalidInput(
-                f"torque limits: expected {n} values > 0, up to {_STRONG:g} [N m] or infinity where a joint has none, "
+                f"torque limits: expected {n} values > 0, up to {_ENDLESS:g} [N m] or infinity where a joint has none, "
                 f"got {shown(limit.tolist())}; a hand description without effort limits needs limit=..."
             )
         joints = items_of("joints of the torque limits", self.joints, str)

@@ -82,7 +82,7 @@ struct Counts {
     long long at[4] = {};
 };
 Counts ticks{"ticks"}, answers{"answers"}, solved{"solves"}, batched{"problems of batches"}, boxes{"boxes"};
-long long compared = 0, borderline = 0, certified = 0, proofs = 0;
+long long refused = 0, compared = 0, borderline = 0, certified = 0, proofs = 0;
 unsigned long long input = 0;  // its seed
 std::string place;             // what is being done
 
@@ -430,13 +430,28 @@ public:
         if (bytes.once_in(2)) hand_from(setup);
         limits_.assign(setup.joints, infinity);
         garbage_ = grasp_.kind == Kind::garbage;
-        if (garbage_ && bytes.once_in(8)) {
-            double* values[] = {&setup.torsion, &setup.arm, &setup.safety, &setup.ramp, &setup.most_rate, &setup.borne};
-            *values[bytes.below(6)] = bytes.hostile();
-            broken_ = true;  // nothing is promised then
+        if (bytes.once_in(4)) {
+            // Either there is no loop, or all is promised that is promised of others.
+            OnlineSetup spoilt = setup;
+            spoil(spoilt);
+            loop_ = make_online(spoilt);
+            if ((loop_ == nullptr) != (fault_of(spoilt) != nullptr)) fail("a fault that is none, or one that is not told");
+            if (loop_ == nullptr)
+                ++refused;
+            else {
+                setup = spoilt;
+                garbage_ = true;  // no longer known to have forces, or none
+                grasp_.excluded = false;
+            }
         }
-        loop_ = make_online(setup);
-        if (loop_ == nullptr) fail("no loop");
+        grasp_.model = {setup.components, setup.round};
+        grasp_.torsion = setup.torsion;
+        grasp_.arm = setup.arm;
+        grasp_.safety = setup.safety;
+        for (double& one : setup.coupled)
+            if (!(std::fabs(one) < 1e12)) one = 0.0;  // of a load that is none
+        if (loop_ == nullptr) loop_ = make_online(setup);
+        if (loop_ == nullptr) fail("no loop: %s", fault_of(setup));
         setup_ = setup;
         for (double& one : com_) one = bytes.spread(0.1);
         const double size = std::max(size_of(grasp_), 1e-3) * 0.1;
@@ -451,7 +466,7 @@ public:
             tick();
             change();
         }
-        if (!broken_) again();
+        again();
     }
 
 private:
@@ -462,7 +477,30 @@ private:
     double com_[3] = {};
     Numbers limits_;  // of the torques
     std::unique_ptr<Online> loop_;
-    bool garbage_ = false, broken_ = false;
+    bool garbage_ = false;
+
+    // A number or an index of a set-up becomes a hostile one.
+    void spoil(OnlineSetup& setup) {
+        double* values[] = {&setup.torsion, &setup.arm, &setup.safety, &setup.ramp, &setup.most_rate, &setup.borne};
+        std::vector<int*> indices{&setup.components, &setup.round, &setup.most_steps, &setup.couplings};
+        for (int& joint : setup.limited) indices.push_back(&joint);
+        for (Link& link : setup.links) indices.insert(indices.end(), {&link.contact, &link.joint});
+        constexpr int strange[] = {-1, 0, 1, 2, 3, 4, 7, 1000000, std::numeric_limits<int>::max(), std::numeric_limits<int>::min()};
+        switch (bytes_.below(4)) {
+            case 0:
+                *values[bytes_.below(6)] = bytes_.hostile();
+                break;
+            case 1:
+                *indices[bytes_.below(static_cast<int>(indices.size()))] = strange[bytes_.below(10)];
+                break;
+            case 2:
+                if (!setup.coupled.empty()) bytes_.spoil(bytes_.once_in(2) ? setup.coupled : setup.coupling_rows);
+                if (bytes_.once_in(4)) setup.coupling_rows.push_back(0.0);
+                break;
+            default:
+                setup.limited.push_back(strange[bytes_.below(10)]);
+        }
+    }
 
     void hand_from(OnlineSetup& setup) {
         const int n = hand_.joints = setup.joints = bytes_.between(0, 8);
@@ -595,7 +633,6 @@ private:
         const bool started = loop_->started;
         const Tick found = without_memory("Online::tick", [&] { return loop_->tick(); });
         ++ticks.at[found == Tick::unusable ? 3 : static_cast<int>(found)];
-        if (broken_) return;
         if (found == Tick::unusable) {
             if (!garbage_) fail("unusable");
             const Numbers after = state();
@@ -1152,6 +1189,7 @@ int main(int count, char** arguments) {
     for (const Counts* one : {&ticks, &answers, &solved, &batched, &boxes})
         std::printf("%-20s converged %lld, infeasible %lld, stalled %lld, unusable %lld\n", one->name, one->at[0],
                     one->at[2], one->at[1], one->at[3]);
+    std::printf("%-20s %lld\n", "set-ups refused", refused);
     std::printf("%-20s %lld; proofs %lld; compared %lld, too near to tell %lld\n", "certified", certified, proofs,
                 compared, borderline);
     return 0;
