@@ -55,7 +55,7 @@ OWNERS = {
     "pinocchio": {"hands", "contacts", "motion", "data", "synthesis", "referee", "certification", "carry"},
     "coacd": {"objects"},
     "coal": {"hands", "objects", "contacts", "referee"},
-    "mujoco": {"referee", "handover"},
+    "mujoco": {"hands", "objects", "referee", "handover"},
     "trimesh": {"hands", "objects"},
     "fast_simplification": {"hands"},
     "h5py": {"data"},

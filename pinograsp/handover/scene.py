@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 try:
     import mujoco
 
-    from pinograsp.referee.callbacks import without_callbacks
+    from pinograsp.hands.mujoco_callbacks import without_callbacks
     from pinograsp.referee.scene import COUPLED_STEPS, compiled, outline
 except ImportError as error:
     raise ExtraMissing("scene=True needs MuJoCo: pip install 'pinograsp[sim]'") from error

@@ -23,6 +23,7 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.elements import MOST_ELEMENTS, floats, parse_xml, read_bytes
 from pinograsp.hands.file_reads import is_there
 from pinograsp.hands.mesh_file import read_triangles
+from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.spatial import Array
 
 _MOST_INCLUDES, _DEEPEST, _MOST_CLASSES = 1000, 20, 2000
@@ -83,7 +84,8 @@ def compile_file(name: str, element: ElementTree.Element, path: Path, trusted: b
     if document.problems:
         raise HandNotLoaded(name, list(dict.fromkeys(document.problems)))
     try:
-        spec = mujoco.MjSpec.from_string(text, include=document.models)
+        with without_callbacks():
+            spec = mujoco.MjSpec.from_string(text, include=document.models)
     except ValueError as error:
         raise _refusal(name, error) from error
     return _compiled(name, spec, document.notes)
@@ -112,7 +114,7 @@ def _keep_everything(spec: mujoco.MjSpec) -> None:
 
 def _compile(name: str, spec: mujoco.MjSpec, notes: list[str]) -> mujoco.MjModel:
     """What MuJoCo makes of a specification; its warnings are noted."""
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as told, without_callbacks():
         warnings.simplefilter("always")
         try:
             model = spec.compile()

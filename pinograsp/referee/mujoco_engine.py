@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.referee.callbacks import without_callbacks
+from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.referee.dry_friction import rubbing
 from pinograsp.referee.law import NO_TOUCHES, Displacements, Pressing, Touches, cross
 from pinograsp.referee.overlaps import Collider

@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
+from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
-from pinograsp.referee.callbacks import without_callbacks
 from pinograsp.referee.geometry import convex, convex_shapes, object_shape
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.surface import Surface

@@ -1,4 +1,6 @@
-"""MuJoCo's callbacks, which are those of the whole process: set aside while a simulation runs, as found afterwards."""
+"""MuJoCo's callbacks, which are those of the whole process: set aside while it reads or simulates a model, as found
+afterwards.
+"""
 
 from __future__ import annotations
 
