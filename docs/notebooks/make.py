@@ -9,7 +9,7 @@ import nbformat
 
 HERE = Path(__file__).resolve().parent
 NAMES = ("own_hand", "paper", "carry")
-INSTALL = "# On a hosted service, once:\n# %pip install -q pinograsp[sim,mesh]"
+INSTALL = "# On a hosted service, once:\n# %pip install -q pinograsp[mesh]"
 
 
 def notebook(name: str) -> str:

@@ -5,19 +5,14 @@ from __future__ import annotations
 import copy
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, shown
-from pinograsp.errors import ExtraMissing, InvalidInput
+from pinograsp.errors import InvalidInput
 from pinograsp.handover.actuators import Controls
-
-try:
-    import mujoco
-
-    from pinograsp.handover.model_actuators import SLACK, Actuators, Driven, Path, Played
-except ImportError as error:
-    raise ExtraMissing("model= needs MuJoCo: pip install 'pinograsp[sim]'") from error
+from pinograsp.handover.model_actuators import SLACK, Actuators, Driven, Path, Played
 
 # Efforts that the actuators do not make are told from this share of the largest on, and where joints would accelerate
 # by so much [rad/s^2 or m/s^2].

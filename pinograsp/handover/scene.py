@@ -7,13 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
 from pinograsp import defaults
 from pinograsp.checks import instance_of, number, one_of, path_of
-from pinograsp.errors import ExtraMissing, InvalidInput
+from pinograsp.errors import InvalidInput
 from pinograsp.handover.actuators import Controls, archive, keyframes
 from pinograsp.handover.build import Sampling, joint_trajectory
 from pinograsp.handover.commands import COMMANDS, Command, gains, in_drives
@@ -21,8 +22,10 @@ from pinograsp.handover.jaws import jaw_commands
 from pinograsp.handover.trajectory import JointTrajectory
 from pinograsp.hands import HandModel
 from pinograsp.hands.efforts import SHORTFALL
+from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord
+from pinograsp.referee.scene import COUPLED_STEPS, compiled, outline
 from pinograsp.referee.settings import Servo
 from pinograsp.referee.verdict import MOVED, TURNED
 from pinograsp.spatial import Array
@@ -32,13 +35,6 @@ from pinograsp.writing import write_file
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-try:
-    import mujoco
-
-    from pinograsp.hands.mujoco_callbacks import without_callbacks
-    from pinograsp.referee.scene import COUPLED_STEPS, compiled, outline
-except ImportError as error:
-    raise ExtraMissing("scene=True needs MuJoCo: pip install 'pinograsp[sim]'") from error
 
 _LONGEST_STEP = 5e-4  # [s] of the simulation
 # Steps are so short that servos take this share of what makes them unstable, damping and stiffness together; but no

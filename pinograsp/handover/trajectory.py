@@ -276,7 +276,7 @@ class JointTrajectory:
 
         Raises:
             InvalidInput: another suffix, not a model, one without the hand's joints, or one whose dynamics are not
-                finite. ExtraMissing: a model without MuJoCo. ResultsNotWritten.
+                finite. ResultsNotWritten.
         """
         path = path_of("path", path)
         flag("feed_forward", feed_forward)

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from pinograsp import defaults
 from pinograsp.checks import each_of, flag, frozen, instance_of, number, one_of, read_only
-from pinograsp.errors import ExtraMissing, InvalidInput
+from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.referee.causes import causes_of
@@ -100,7 +100,6 @@ def simulate(
     Raises:
         InvalidInput: a plan without contacts of a hand, or unusable settings.
         SimulationDiverged: velocities beyond reason: take a smaller time step or softer servos.
-        ExtraMissing: MuJoCo is not installed.
     """
     started = time.perf_counter()
     task = task_of(plan, body)
@@ -250,12 +249,8 @@ def _engine(name: EngineName) -> _EngineKind:
         from pinograsp.referee.pinocchio_engine import PinocchioEngine
 
         return PinocchioEngine
-    try:
-        from pinograsp.referee.mujoco_engine import MujocoEngine
-    except ImportError as error:
-        raise ExtraMissing(
-            "the simulation needs MuJoCo: pip install 'pinograsp[sim]', or use engine='pinocchio' (--engine pinocchio)"
-        ) from error
+    from pinograsp.referee.mujoco_engine import MujocoEngine
+
     return MujocoEngine
 
 

@@ -124,7 +124,7 @@ def joint_torques(plan: PlanRecord, finger: str) -> Figure:
     complete, early = figure.subplots(1, 2)
     _joint_lines(complete, plan, finger, times, torques)
     _phases(complete, plan)
-    slides = plan.hand is not None and plan.hand.slides[dofs].all()
+    slides = plan.hand is not None and plan.hand.slides[list(dofs)].all()
     what, unit = ("force", "N") if slides else ("torque", "N m")
     complete.set_ylabel(f"{what} [{unit}]")
     legend_above(complete, 3, label_of(finger), _colour(plan, finger))

@@ -23,7 +23,6 @@ CALLS = {
     "active": ANSWER.certificate.active,
     "kept_friction": pg.Reserve().kept_friction,
     "reserve.problem": lambda x: pg.Reserve().problem(None if x is PROBLEM else x),
-    "parts_in_the_way": lambda x: forces.parts_in_the_way(PROBLEM, x),
     "load_factor": lambda x: forces.load_factor(BALL if x is PROBLEM else x, impact_time=0.9),
     "fingertips": lambda x: contacts.fingertips(x, None),
     "link_centre": lambda x: contacts.link_centre(x, None, 1),

@@ -73,8 +73,9 @@ def test_what_is_not_there_is_named_and_nothing_above_is_read(tmp_path, name):
     write(tmp_path, "secret.obj", box(0.01, 0.01, 0.01))
     with pytest.raises(InvalidInput, match="expected a mesh, or a folder with one"):
         find_object(folder, name)
-    with pytest.raises(InvalidInput, match="expected a folder"):
-        find_object(tmp_path / "secret.obj", "x")
+    with pytest.raises(InvalidInput, match="expected a folder, or the file of one object"):
+        find_object(tmp_path / "gone", name)
+    assert find_object(tmp_path / "secret.obj", name) == [tmp_path / "secret.obj"]  # the one object of all grasps
 
 
 def test_a_file_of_convex_parts_keeps_them_and_one_with_a_hollow_part_does_not(tmp_path):

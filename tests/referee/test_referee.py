@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -744,22 +742,6 @@ def test_what_is_no_plan_is_refused(plan):
     blind = replace(plan, body=None)
     with pytest.raises(InvalidInput, match="does not know its object"):
         simulate(blind)
-
-
-def test_without_mujoco_the_extra_is_named_and_pinocchio_serves(brisk, tmp_path):
-    folder = pg.save_run(brisk, tmp_path / "run")
-    code = (
-        "import sys; sys.modules['mujoco'] = None\n"
-        "import pinograsp as pg\n"
-        "try:\n    pg.simulate(sys.argv[1])\nexcept pg.PinograspError as error:\n    "
-        "print(type(error).__name__, error)\n"
-        "print(pg.simulate(sys.argv[1], engine='pinocchio', hold=0.02, time_step=5e-4).parts)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(folder)], capture_output=True, text=True, timeout=120, cwd=tmp_path
-    )
-    assert "ExtraMissing" in done.stdout and "pinograsp[sim]" in done.stdout, done.stderr
-    assert str(brisk.contacts.names) in done.stdout
 
 
 @pytest.mark.parametrize(

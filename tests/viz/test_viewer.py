@@ -74,7 +74,6 @@ def run(plan) -> GraspPlan:
 
 @pytest.fixture(scope="module")
 def simulation(plan):
-    pytest.importorskip("mujoco", reason="the simulation needs MuJoCo: pip install 'pinograsp[sim]'")
     return simulate(plan, hold=0.1)
 
 
