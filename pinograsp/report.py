@@ -108,7 +108,7 @@ def details(plan: PlanRecord) -> list[tuple[str, str]]:
         ("grasp energy (impulse)", f"{forces.impulse:.4f} N s by Eq. (11)"),
         ("net force, net moment", f"{forces.residual_force:.2e} N, {forces.residual_moment:.2e} N m"),
         ("largest penetration", f"{1e3 * forces.final_depths.max():.3f} mm"),
-        ("peak joint effort", plan.peak_efforts(4)),
+        ("peak joint effort", plan.peak_efforts()),
         ("postures tried", ", ".join(f"{name} {count}" for name, count in motion.postures.items())),
         *_proof(plan),
         *_safety(plan),

@@ -74,7 +74,7 @@ def tangent_frame(normal_o: ArrayLike, gravity_o: ArrayLike = (0.0, 0.0, -9.81))
 
 def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Rotation (3, 3) from fixed-axis roll, pitch, yaw [rad], the URDF convention Rz(yaw) Ry(pitch) Rx(roll)."""
-    angles = (_numbers("roll, pitch, yaw", angle) for angle in (roll, pitch, yaw))
+    angles = (_numbers("roll, pitch, yaw", angle, single=True) for angle in (roll, pitch, yaw))
     cr, sr, cp, sp, cy, sy = (f(a) for a in angles for f in (np.cos, np.sin))
     return np.array(
         [

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, flag, number, one_line, read_only
+from pinograsp.checks import array_of, brief, flag, items_of, number, one_line, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.decomposition import ConvexParts, convex_parts
@@ -176,7 +176,7 @@ class Mesh(Body):
             vertices=read_only(vertices),
             faces=read_only(faces),
             convex=bool(self.convex),
-            notes=(*self.notes, *notes),
+            notes=(*items_of("notes", self.notes, str), *notes),
         )
 
     @property

@@ -109,14 +109,14 @@ class PlanRecord:
             *(f"note: {one}" for one in self.notes),
         )
 
-    def peak_efforts(self, digits: int = 3) -> str:
+    def peak_efforts(self) -> str:
         """The largest torque over the motion, and the largest force of joints that slide, in words with their units."""
         largest = np.abs(self.motion.torques).max(axis=0)
         if self.hand is None:  # which joints slide is not known
-            return f"{number(float(largest.max()), digits)} N m (N where it slides)"
+            return f"{number(float(largest.max()), 3)} N m (N where it slides)"
         slides = self.hand.slides
         kinds = ((largest[~slides], "N m"), (largest[slides], "N"))
-        return " and ".join(f"{number(float(values.max()), digits)} {unit}" for values, unit in kinds if values.size)
+        return " and ".join(f"{number(float(values.max()), 3)} {unit}" for values, unit in kinds if values.size)
 
     @property
     def name(self) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp import defaults
 from pinograsp.actuation import FACTORS, ForceBand, GainLimit, ObjectStiffness
-from pinograsp.checks import flag, instance_of, one_of
+from pinograsp.checks import flag, instance_of, one_of, path_of
 from pinograsp.contacts import Closure
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, ForceSolution, Reaction
@@ -234,6 +234,7 @@ class GraspPlan(PlanRecord):
             InvalidInput: another suffix, unusable settings, or friction of other pyramids
                 than those of four edges. ResultsNotWritten.
         """
+        path = path_of("path", path)
         for name in settings:
             one_of("setting of to_core", name, LoopSettings.__annotations__)
         problem, q = self.searched().problem, self.motion.q[-1]

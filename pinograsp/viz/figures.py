@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.integrate import cumulative_trapezoid
 
-from pinograsp.checks import array_of, floats_of, instance_of, items_of, mapping_of, one_of
+from pinograsp.checks import array_of, flag, floats_of, instance_of, items_of, mapping_of, number, one_of, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array
@@ -54,16 +54,17 @@ def _colour(plan: PlanRecord, finger: str) -> str:
 
 def note(axes: Axes, time: float, text: str, side: Literal["left", "right"], *, upwards: bool = False) -> None:
     """A small note at the lower end of the axes, on one side of a time [s]."""
+    instance_of("axes", axes, Axes)
     axes.text(
-        time,
+        number("time", time, unit="s"),
         0.01,
-        text,
-        ha=side,
+        text_of("text", text),
+        ha=one_of("side", side, ("left", "right")),
         va="bottom",
         transform=axes.get_xaxis_transform(),
         fontsize=8,
         color="0.35",
-        rotation=90 if upwards else 0,
+        rotation=90 if flag("upwards", upwards) else 0,
     )
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter, zoom
 
-from pinograsp.checks import array_of, flag, instance_of, number, path_of
+from pinograsp.checks import array_of, flag, instance_of, integer, number, path_of
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, BoolArray
@@ -130,6 +130,11 @@ def draw(
     figure: Figure, scene: ViewScene, frame: int, camera: Camera, sheet: Sheet, *, collision_shapes: bool = False
 ) -> None:
     """Draw a scene at an instant onto a figure of the sheet's size."""
+    kinds = ((figure, Figure), (scene, ViewScene), (camera, Camera), (sheet, Sheet))
+    for value, kind in kinds:
+        instance_of(kind.__name__.lower(), value, kind)
+    frame = integer("frame", frame, at_least=0, at_most=len(scene.times) - 1)
+    flag("collision_shapes", collision_shapes)
     pose = scene.object_at(frame)
     hidden = "visual" if collision_shapes else "collision"
     solids = [solid for solid in scene.solids if solid.look != hidden]
@@ -179,7 +184,8 @@ def _direction(view: ArrayLike | None, scene: ViewScene) -> Array:
 
 def camera_of(scene: ViewScene, view: ArrayLike | None, frames: Sequence[int], sheet: Sheet) -> Camera:
     """A camera that sees all of the hand and the object at these instants; ``view``: as for :func:`picture`."""
-    view = _direction(view, scene)
+    instance_of("sheet", sheet, Sheet)
+    view = _direction(view, instance_of("scene", scene, ViewScene))
     right = np.cross(scene.up, view)
     if np.linalg.norm(right) < _LEVEL:
         right = np.cross(scene.up, scene.view)  # from above, with the front below

@@ -35,7 +35,7 @@ UNFAIR = {
     "arm": [0.0, -1.0, np.nan, np.inf, 1e-300],
     "safety": [0.0, -1.0, np.nan, np.inf],
     "ramp": [0.0, -1.0, 2.0, np.nan],
-    "most_steps": [0, -5],
+    "most_steps": [0, -5, 2**31 - 1],
     "most_rate": [-1.0, np.nan],
     "joints": [-1, 1, 2**31 - 1],
     "links": [np.array([[3, 0, 0]]), np.array([[0, 0, 2]]), np.array([[1, 0, 0], [0, 0, 0]]), np.array([[0, -1, 0]])],

@@ -53,7 +53,7 @@ inline const char* fault_of(const OnlineSetup& setup) {
     if (!positive(setup.safety)) return "safety";
     if (!(setup.ramp > 0.0 && setup.ramp <= 1.0)) return "ramp";
     if (!(setup.most_rate >= 0.0)) return "most_rate";
-    if (setup.most_steps < 1) return "most_steps";
+    if (setup.most_steps < 1 || setup.most_steps > 10000) return "most_steps";
     if (setup.joints < 0) return "joints";
     int contact = 0;  // links are in the order of the contacts
     for (const Link& link : setup.links) {
