@@ -566,6 +566,7 @@ def test_descriptions_list_the_drives(tmp_path):
         "stiffness": None,
         "damping": None,
         "exact": True,
+        "efforts": None,
         "step": None,
         "sources": [],
     }

@@ -164,7 +164,7 @@ def test_pairs_that_an_mjcf_file_excludes_are_not_looked_at(tmp_path):
       <geom type="box" size="0.01 0.01 0.05" pos="0 0 0.05"/></body>"""
     bodies = f"<body name='palm'><geom size='0.01'/>{jaw.format('left', -0.05)}{jaw.format('right', 0.05)}</body>"
     path = tmp_path / "hand.xml"
-    exclude = '<contact><exclude body1="right" body2="left"/><exclude body1="right" body2="ghost"/></contact>'
+    exclude = '<contact><exclude body1="right" body2="left"/><exclude body1="right" body2="palm"/></contact>'
     for contact, found in (("", {("left", "right")}), (exclude, set())):
         path.write_text(f"<mujoco><worldbody>{bodies}</worldbody>{contact}</mujoco>")
         assert SelfCollisions(load_hand(path)).at(np.array([0.05, -0.05])) == found

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from killing import start_and_kill
 
-from pinograsp.errors import ResultsNotWritten
+from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.writing import NewFolder, add_files, files, folders, list_in, locks, safe_name, write_file, write_folder
 from pinograsp.writing.files import listing_of
 
@@ -159,7 +159,10 @@ def test_places_that_nothing_can_take_the_place_of(tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(ResultsNotWritten, match="expected the path of a file"):
         write_file(tmp_path / "pipe", b"1")
-    for name in ("a" * 300, "ü" * 200, "a\0b", "\ud800"):
+    for write in (lambda path: write_folder(path, filling("1")), lambda path: write_file(path, b"1")):
+        with pytest.raises(InvalidInput, match="null character"):
+            write(tmp_path / "a\0b")
+    for name in ("a" * 300, "ü" * 200, "\ud800"):
         with pytest.raises(ResultsNotWritten, match="cannot write"):
             write_folder(tmp_path / name, filling("1"))
         with pytest.raises(ResultsNotWritten, match="cannot write"):
@@ -305,7 +308,7 @@ WRITER = """
 import sys
 from pathlib import Path
 from pinograsp.writing import write_folder, write_file, add_files
-from pinograsp.errors import ResultsNotWritten
+from pinograsp.errors import InvalidInput, ResultsNotWritten
 folder, text, many = Path(sys.argv[1]), sys.argv[2], len(sys.argv) > 3
 def fill(path):
     for name in ("a.txt", "b.txt", "c.txt"):
@@ -367,7 +370,7 @@ RACER = """
 import sys, time
 from pathlib import Path
 from pinograsp.writing import NewFolder
-from pinograsp.errors import ResultsNotWritten
+from pinograsp.errors import InvalidInput, ResultsNotWritten
 folder, number, fresh = Path(sys.argv[1]), sys.argv[2], sys.argv[3] == "fresh"
 print("ready", flush=True)
 sys.stdin.read(1)
@@ -421,7 +424,7 @@ LIMITED = """
 import resource, sys
 from pathlib import Path
 from pinograsp.writing import write_folder, write_file, add_files
-from pinograsp.errors import ResultsNotWritten
+from pinograsp.errors import InvalidInput, ResultsNotWritten
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 run = Path(sys.argv[1])
 fill = lambda path: (path / "a.txt").write_text("2" * 5000)
