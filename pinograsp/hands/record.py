@@ -43,7 +43,8 @@ def hand_record(hand: HandModel) -> dict[str, Any] | None:
     geometry is neither a primitive nor the mesh of a file.
     """
     objects = hand.geometry.geometryObjects
-    geometry = [_shape(one, own) for one, own in zip(objects, hand.own_shapes or [one.geometry for one in objects])]
+    own = hand.own_shapes if len(hand.own_shapes) == len(objects) else [one.geometry for one in objects]
+    geometry = [_shape(*pair) for pair in zip(objects, own)]
     if not hand.description or None in geometry:
         return None
     model = hand.model
