@@ -536,7 +536,7 @@ def test_depth_of_a_ball_in_a_ball():
 
 
 def test_cautions_say_what_the_plan_does_not_cover(plan):
-    assert plan.cautions == ()
+    assert all("a limit that is a guess" in caution for caution in plan.cautions)  # the hand's motors are nobody's
     told = pg.load_case("paper", AS_PUBLISHED).plan().cautions
     assert any("moments are not" in caution for caution in told)
     assert any("safety factor" in caution for caution in told)
