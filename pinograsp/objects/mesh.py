@@ -143,6 +143,10 @@ class Mesh(Body):
         """oMf (4, 4): of the frame in which the vertices were given, that of the mesh's file."""
         return read_only(self.pose @ self.file_frame_b)
 
+    @property
+    def _across(self) -> float:
+        return float(np.ptp(self.vertices, axis=0).max())
+
     def _check_shape(self) -> None:
         from trimesh.triangles import mass_properties
 
