@@ -24,6 +24,7 @@ NO_DIRECTION = 1e-9
 _DIGITS = 1e-2  # of inertias in files, which are rounded
 _LEAST, _MOST = 1e-3, 5.0  # [m] across, of what hands hold
 _UNITS = "are the units right?"
+_SIZES = {"radius": 2, "semi_axes": 2, "height": 1, "length": 1, "size": 1}  # by the names of solids' fields
 _FAR = 1e100  # [m] squares of more overflow
 
 
@@ -95,9 +96,14 @@ class Body:
         given = [note for note in items_of("notes", self.notes, str) if not note.endswith(_UNITS)]
         self._set(notes=(*given, *self._doubtful_units()))
 
+    @property
+    def _across(self) -> float:
+        """The largest size that was given, of radii the diameter [m]."""
+        return max(times * float(np.max(getattr(self, name))) for name, times in _SIZES.items() if hasattr(self, name))
+
     def _doubtful_units(self) -> tuple[str, ...]:
         """A note where lengths are likely to be in other units than metres."""
-        across = 2 * self.bounding_radius
+        across = self._across
         if _LEAST <= across <= _MOST:
             return ()
         fit = "0.001 makes metres of millimetres" if across > _MOST else "1000 undoes metres read as millimetres"

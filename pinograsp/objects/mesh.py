@@ -143,6 +143,10 @@ class Mesh(Body):
         """bMs (4, 4): the body's axes at the centre of mass, in the body frame [m]."""
         return self._derived.shape_b
 
+    @property
+    def _across(self) -> float:
+        return float(np.ptp(self.vertices, axis=0).max())
+
     def _check_shape(self) -> None:
         from trimesh.triangles import mass_properties
 
