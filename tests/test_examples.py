@@ -18,7 +18,12 @@ EXPECTED = {
     "02": ("samples hold", "ok (", "peak torque"),
     "03": ("closed:", "mJ"),
     "04": ("hybrid     56.163", "convex     55.777"),
-    "05": ("grasps of", "ok ", "contacts", "/"),  # several links of a finger; whether the palm bears, the optimum says
+    "05": (
+        "grasps from",
+        "ok ",
+        "contacts",
+        "/",
+    ),  # several links of a finger; whether the palm bears, the optimum says
     "06": ("least motor heat", "the largest load that could be held"),
     "07": ("a step takes", "three times the load: infeasible"),
     "08": ("as planned: held", "mu 0.3 instead of 0.7: lost"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -14,7 +15,15 @@ from scipy.spatial import ConvexHull, QhullError
 
 from pinograsp.checks import brief
 from pinograsp.hands.file_reads import digest_of
-from pinograsp.hands.mesh_file import MOST_TRIANGLES, collision_model, joined, read_triangles, tells_unit
+from pinograsp.hands.mesh_file import (
+    FORMATS,
+    MOST_BYTES,
+    MOST_TRIANGLES,
+    collision_model,
+    joined,
+    read_triangles,
+    tells_unit,
+)
 from pinograsp.spatial import FARTHEST, Array, IntArray
 
 # [kg/m^3] of links without mass: most of a hand is lighter than its hull would be, so this is on the heavy side.
@@ -120,7 +129,7 @@ class _Meshes:
         if key not in self.sizes and sum(self.sizes.values()) > MOST_TRIANGLES:
             raise ValueError(f"the meshes before it have more than {MOST_TRIANGLES} triangles: simplify them")
         try:
-            _triangles(shape.path, digest_of(shape.path))
+            _triangles(shape.path, _content_of(shape.path))
         except (ValueError, OSError) as error:
             self.errors[shape.path] = str(error)
             raise
@@ -170,6 +179,12 @@ def _in_metres(model: pin.Model, geometry: pin.GeometryModel, notes: list[str]) 
     return _MILLI
 
 
+def _content_of(path: str) -> str:
+    """What a mesh file's content is known by; what cannot be a mesh is not opened, and refused as it is read."""
+    mesh = Path(path).suffix.lower() in FORMATS and os.stat(path).st_size <= MOST_BYTES
+    return digest_of(path) if mesh else ""
+
+
 @functools.lru_cache(maxsize=2)
 def _triangles(path: str, content: str) -> tuple[Array, IntArray]:
     """Those of a file, with every place given once; kept, since many shapes may be the same file in other sizes."""
@@ -192,7 +207,7 @@ def read_mesh(path: str, scale: tuple[float, ...] = (1.0, 1.0, 1.0)) -> coal.BVH
     Raises:
         ValueError, OSError: why the file cannot be used.
     """
-    return _read(path, scale, digest_of(path))
+    return _read(path, scale, _content_of(path))
 
 
 def solid(shape: coal.CollisionGeometry, density: float) -> pin.Inertia | None:

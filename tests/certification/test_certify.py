@@ -59,7 +59,8 @@ def mug(folder):
     inner.apply_translation([0, 0, 0.006])
     path = folder / "mug.stl"
     trimesh.boolean.difference([outer, inner], engine="manifold").export(path)
-    return pg.Mesh.load(path, density=500.0, pose=PLACE)
+    mesh = pg.Mesh.load(path, density=500.0)
+    return mesh.placed(PLACE @ pg.spatial.pose_of(-np.array(mesh.com_b), np.eye(3)))  # its centre of mass there
 
 
 # --- contacts
