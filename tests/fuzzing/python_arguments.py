@@ -557,7 +557,14 @@ def _fill() -> None:
     )
     target = handover.JointTarget(joint="j", position=0.01, closed=0.0, effort=3.0, follows=False)
     jaw = handover.JawCommand(
-        drive="jaws", coordinate=0.02, effort=3.0, width=0.02, jaw_force=3.0, total_force=6.0, joints=(target,)
+        drive="jaws",
+        coordinate=0.02,
+        effort=3.0,
+        width=0.02,
+        touch_width=0.021,
+        jaw_force=3.0,
+        total_force=6.0,
+        joints=(target,),
     )
     call(handover.gripper_message, jaws=[jaw], path="grip.yaml", followers=True, frame="world")
     call(handover.write_jaws, jaws=[jaw], path="jaws.csv")

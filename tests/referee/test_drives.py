@@ -469,7 +469,7 @@ def test_trials_that_are_lost_say_why(task):
 def test_causes_are_in_records_reports_and_on_the_command_line(command, plan, tmp_path):
     folder = pg.save_run(plan, tmp_path / "run")
     code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "1e-3", "--mu", "0.2", "--what-holds")
-    assert code == 3 and "Why?" in out and "contact '" in out and "more squeeze" in " ".join(out.split())
+    assert code == 3 and "Why?" in out and "contact '" in out and "mu=0.2, not " in " ".join(out.split())
     assert "each change alone" in out
     told = (folder / "check" / "check.md").read_text(encoding="utf-8")
     assert "what would have held" in told
