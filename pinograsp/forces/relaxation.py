@@ -29,6 +29,7 @@ LimitName = Literal[
     "mu",
     "mass",
     "disturbance",
+    "moment_arm",
     "reserve_mass",
     "friction",
     "normal_force",
@@ -54,6 +55,7 @@ _LIMITS: tuple[LimitName, ...] = (
 )
 _PARTS: dict[LimitName, str] = {
     "disturbance": "disturbance",
+    "moment_arm": "moment_arm",
     "reserve_mass": "mass",
     "friction": "friction",
     "normal_force": "normal_force",
@@ -102,7 +104,8 @@ class Relaxation:
         if self.limit in _PARTS and reserve is not None:
             part = _PARTS[self.limit]
             nothing = _nothing(self.limit)
-            return replace(setup, reserve=replace(reserve, **{part: nothing + (getattr(reserve, part) - nothing) / f}))
+            share = nothing + (_part(setup, self.limit) - nothing) / f
+            return replace(setup, reserve=replace(reserve, **{part: share}))
         if self.limit == "torque_limit":
             limit = None if setup.limit is None else self._raised(setup.limit)
             torques = problem.torques
@@ -204,6 +207,7 @@ _WORDS: dict[LimitName, tuple[str, str, str, float]] = {
     "mu": ("mu", "friction coefficient", "", 1.0),
     "mass": ("mass", "mass of the object", " kg", 1.0),
     "disturbance": ("disturbance", "disturbance of the reserve", "", 1.0),
+    "moment_arm": ("moment_arm", "arm of the reserve's moments", " m", 1.0),
     "reserve_mass": ("mass", "mass of the reserve", "", 1.0),
     "friction": ("friction", "friction of the reserve", "", 1.0),
     "normal_force": ("normal_force", "least normal force of the reserve", "", 1.0),
@@ -223,12 +227,22 @@ def _nothing(limit: LimitName) -> float:
     return 1.0 if limit in _FACTORS else 0.0
 
 
+def _part(setup: Setup, limit: LimitName) -> float:
+    """A part of the reserve; of moments their arm, where there are any."""
+    reserve, body = setup.reserve, setup.problem.object
+    if reserve is None:
+        return _nothing(limit)
+    if limit == "moment_arm":
+        return reserve.arm(body) if reserve.disturbance and body is not None else 0.0
+    return float(getattr(reserve, _PARTS[limit]))
+
+
 def _figure(setup: Setup, limit: LimitName) -> float | None:
     """The given limit as one number; None where it is none, or another one for each contact."""
-    problem, reserve = setup.problem, setup.reserve
+    problem = setup.problem
     values: Any
     if limit in _PARTS:
-        values = 0.0 if reserve is None else getattr(reserve, _PARTS[limit])
+        values = _part(setup, limit)
     elif limit == "torque_limit":
         return None
     elif limit == "mass":
@@ -247,9 +261,9 @@ def _figure(setup: Setup, limit: LimitName) -> float | None:
 
 def _there(setup: Setup, limit: LimitName) -> bool:
     """Whether there is such a limit."""
-    problem, reserve = setup.problem, setup.reserve
+    problem = setup.problem
     if limit in _PARTS:
-        return reserve is not None and getattr(reserve, _PARTS[limit]) > _nothing(limit)
+        return _part(setup, limit) > _nothing(limit)
     if limit == "torque_limit":
         known = setup.limit if problem.torques is None else problem.torques.limit
         return known is not None and bool(np.isfinite(known).any())

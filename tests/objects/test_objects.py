@@ -757,7 +757,8 @@ def test_convex_parts_are_about_the_solid(made, monkeypatch):
     shape = mesh_of(made, pose=np.eye(4))
     parts, excess = shape.convex_parts
     assert len(parts) > 1 and shape.placed(POSE).convex_parts is shape.convex_parts
-    hulls = [trimesh.convex.convex_hull(part) for part in parts]
+    placed = [part @ shape.shape_pose[:3, :3].T + shape.shape_pose[:3, 3] for part in parts]
+    hulls = [trimesh.convex.convex_hull(part) for part in placed]
     assert sum(hull.volume for hull in hulls) == pytest.approx(shape.volume, rel=0.05)
     points = points_around(shape, 400)
     distance = shape.project(points)[2]

@@ -100,7 +100,9 @@ def test_robust_forces_are_carried_out(closure, plan):
 def test_what_is_in_the_way_is_named(closure):
     """Two hard jaws on a ball bear no moment about their line; soft ones do, and a push along it, too."""
     jaws = closed("panda", "sphere:radius=0.02,mass=0.1", at=(0.0, 0.0, 0.11), wrap=False)
-    with pytest.raises(GraspInfeasible, match=r"(?s)with its reserve.*\n.*disturbance.*Reserve\(disturbance=0\)") as caught:
+    with pytest.raises(
+        GraspInfeasible, match=r"(?s)with its reserve.*\n.*disturbance.*Reserve\(disturbance=0\)"
+    ) as caught:
         planned(jaws, Reserve())
     assert caught.value.solution.status is Status.INFEASIBLE and caught.value.solution.search == "robust"
     assert "Reserve(moment_arm=0)" in str(caught.value)
@@ -109,7 +111,7 @@ def test_what_is_in_the_way_is_named(closure):
     assert soft.friction.model == "soft" and soft.with_margins().margins.disturbance_moment >= soft.reserve.moment > 0
     with pytest.raises(GraspInfeasible, match=r"least normal force|every impact time"):
         planned(closure, Reserve(normal_force=1e3))
-    with pytest.raises(GraspInfeasible, match="every impact time is proven infeasible"):
+    with pytest.raises(GraspInfeasible, match="(?s)every impact time.*friction coefficient|proven infeasible"):
         planned(closure, Reserve(), mu=0.01)  # not even the weight
 
 
