@@ -67,7 +67,8 @@ inline const char* fault_of(const OnlineSetup& setup) {
         has_limit[joint] = true;
     }
     const std::size_t rows = setup.coupled.size();
-    if (setup.couplings < 0 || rows != static_cast<std::size_t>(setup.couplings) || not_finite(setup.coupled.data(), rows))
+    if (setup.couplings < 0 || rows != static_cast<std::size_t>(setup.couplings) ||
+        not_finite(setup.coupled.data(), rows))
         return "coupled";
     const std::size_t entries = setup.coupling_rows.size();
     if (entries != rows * setup.joints || not_finite(setup.coupling_rows.data(), entries)) return "coupling_rows";
