@@ -91,7 +91,8 @@ class Urdf:
 
     def _couple(self) -> None:
         model, joints = self.model, self.joints
-        bodies = {body for body, name in enumerate(self.names) if self._has(name)}
+        links = {link.get("name") for link in self.robot.findall("link")}
+        bodies = {body for body, name in enumerate(self.names) if name in links}
         couplings, loops, opened = find_couplings(model, joints, bodies, self.names, self.notes, self.problems)
         if loops and not self.problems:
             motors = read_actuation(model, joints).motors
@@ -115,9 +116,6 @@ class Urdf:
 
     def _link(self, name: str) -> ElementTree.Element:
         return ElementTree.SubElement(self.robot, "link", name=name)
-
-    def _has(self, name: str) -> bool:
-        return any(link.get("name") == name for link in self.robot.findall("link"))
 
     def _jointed_link(self, body: int) -> ElementTree.Element:
         """The link of a body, with the joints by which its parent carries it."""
