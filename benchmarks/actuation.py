@@ -4,10 +4,10 @@
 
 An Allegro hand holds a ball and a cylinder; joint servos with the plan's torques as feed-forward. Predicted are the
 forces (``pinograsp.actuation.force_band``), whether friction holds, and the margin of stability at these forces
-(``object_stiffness``); simulated, by MuJoCo with the referee's own contact law, are the forces at the end, the object's
-turn since it was let go, and the referee's verdict. Writes actuation.csv beside this file.
+(``object_stiffness``); simulated, by MuJoCo with a contact law of its own, are the forces at the end, the object's
+turn since it was let go, and the simulation's verdict. Writes actuation.csv beside this file.
 
-Known limitations: one hand; curvatures of fingertips and objects are means, the same at all contacts; the referee calls
+Known limitations: one hand; curvatures of fingertips and objects are means, the same at all contacts; simulations call
 a grasp lost that is stable, but so softly that the object moves by more than 2 mm or turns by more than 5 deg.
 """
 
@@ -25,7 +25,7 @@ from tqdm import tqdm
 import pinograsp as pg
 from pinograsp.actuation import CompliantHand, contact_stiffness, force_band, object_stiffness
 from pinograsp.motion import preload_slope, torque_limits
-from pinograsp.referee.settings import Servo
+from pinograsp.simulation.settings import Servo
 
 HERE = Path(__file__).resolve().parent
 GAINS, FACTORS = (0.5, 1.0, 1.5, 2.0, 5.0, 50.0), (0.2, 1.0, 5.0, 20.0)  # [N m/rad], [-]

@@ -1,12 +1,12 @@
 """Grasps certified in bulk: how many a second, and whether a simulation agrees.
 
     python benchmarks/certify.py --seed 7 [--count 20000] [--hand allegro_right]
-    python benchmarks/certify.py --seed 7 --referee 500 [--jobs 2]
+    python benchmarks/certify.py --seed 7 --simulate 500 [--jobs 2]
 
 Postures are found grasps (``find_grasps``), each joint, the hand's place and its direction changed at random. The
-object of the throughput is a watering can of 20 convex parts; the referee's are the simple ones of ``grasps.py``.
+object of the throughput is a watering can of 20 convex parts; the simulated ones are the simple ones of ``grasps.py``.
 
-The referee (MuJoCo, the hand's own servos) closes the hand, sends the certificate's torques, lets the object go and
+The simulation (MuJoCo, the hand's own servos) closes the hand, sends the certificate's torques, lets the object go and
 shakes it with 3 m/s^2 at 2 Hz askew to all axes for a second. Grasps that are certified are to hold. The others that
 touch are given the forces that a friction of 1.5 would allow, at the real friction, and pushed with the reserve in the
 direction that the squeeze bears least: they are to be lost. Those within 10 % of the threshold, by the friction they
@@ -34,7 +34,7 @@ from tqdm import tqdm
 import pinograsp as pg
 from pinograsp.certification import Certificates, Certifier, Reason, trial_of
 from pinograsp.errors import PinograspError
-from pinograsp.referee.settings import Disturbance, Push
+from pinograsp.simulation.settings import Disturbance, Push
 
 HERE = Path(__file__).resolve().parent
 MU, DENSITY, ROUGH, BAND = 0.6, 300.0, 1.5, 0.1
@@ -162,7 +162,7 @@ def squeezing(found: Certificates, i: int) -> Certificates:
     return replace(found, forces_o=forces, torques=torques)
 
 
-def referee(count: int, seed: int, jobs: int, hands: list[str], noise: float) -> list[dict]:
+def simulate_certified(count: int, seed: int, jobs: int, hands: list[str], noise: float) -> list[dict]:
     """Trials of ``count`` grasps that touch, in equal parts of hands and simple objects."""
     rng = np.random.default_rng(seed)
     tasks = []
@@ -191,17 +191,17 @@ def main() -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--count", type=int, default=20000, help="postures of the throughput")
     parser.add_argument("--hand", default="allegro_right", help="of the throughput")
-    parser.add_argument("--referee", type=int, default=0, help="grasps to simulate")
+    parser.add_argument("--simulate", type=int, default=0, help="grasps to simulate")
     parser.add_argument(
         "--hands", nargs="+", default=["allegro_right", "psyonic_right", "hey5", "panda", "baxter_left"]
     )
     parser.add_argument("--noise", type=float, default=0.02, help="of the joints [rad]")
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args()
-    if not args.referee:
+    if not args.simulate:
         throughput(args.hand, args.count, args.seed)
         return
-    rows = referee(args.referee, args.seed, args.jobs, args.hands, args.noise)
+    rows = simulate_certified(args.simulate, args.seed, args.jobs, args.hands, args.noise)
     notes = (f"seed {args.seed}", f"noise {args.noise:g}", f"mu {MU}", f"{DENSITY:g} kg/m^3")
     whole = [{name: row.get(name, "") for name in COLUMNS} for row in rows]
     write_rows(HERE / "certify.csv", header(("numpy", "pin", "coal", "mujoco"), *notes), whole)

@@ -32,7 +32,7 @@ from pinograsp.contacts import fingertips, open_and_closed
 from pinograsp.errors import PinograspError
 from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.planner import plan_best
-from pinograsp.referee.settings import Disturbance
+from pinograsp.simulation.settings import Disturbance
 
 HERE = Path(__file__).resolve().parent
 MU, DENSITY = 0.6, 300.0

@@ -42,7 +42,7 @@ from pinograsp.errors import NoGrasp, PinograspError, Status
 from pinograsp.forces import load_factor
 from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.planner import plan_best
-from pinograsp.referee import Disturbance, Push
+from pinograsp.simulation import Disturbance, Push
 from pinograsp.spatial import rotation_rpy
 from pinograsp.synthesis import find_grasps
 

@@ -13,7 +13,7 @@ stiff) on contacts a fifth, once and 20 times as stiff as planned. Four rules gi
 
 Told by the plan: whether friction and limits hold and the equilibrium is stable with these servos on these contacts
 (``plan.force_band``, ``plan.object_stiffness``), and the band of every link's normal force over the three stiffnesses.
-Simulated by MuJoCo with the referee's own contact law: whether the object is held, and the forces at the end. Writes
+Simulated by MuJoCo with the simulation's own contact law: whether the object is held, and the forces at the end. Writes
 servos.csv beside this file, and prints how often what was told holds came to be held, and how often forces lay in the
 band.
 """
@@ -36,7 +36,7 @@ from pinograsp.contacts import fingertips
 from pinograsp.errors import PinograspError
 from pinograsp.hands import servo_gains
 from pinograsp.planner import plan_best
-from pinograsp.referee.settings import Disturbance, Servo
+from pinograsp.simulation.settings import Disturbance, Servo
 
 HERE = Path(__file__).resolve().parent
 GAINS, FACTORS, RULES = (1.0, 3.0, 10.0, 50.0), (0.2, 1.0, 20.0), ("plan", "stiffness", "twice", "contact")

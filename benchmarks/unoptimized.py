@@ -26,8 +26,8 @@ from tqdm import tqdm
 
 import pinograsp as pg
 from pinograsp.errors import PinograspError
-from pinograsp.referee.naive import naive_grasp
-from pinograsp.referee.task import Task
+from pinograsp.simulation.naive import naive_grasp
+from pinograsp.simulation.task import Task
 from pinograsp.synthesis import find_grasps
 
 HERE = Path(__file__).resolve().parent

@@ -3,7 +3,7 @@
 import numpy as np
 
 import pinograsp as pg
-from pinograsp.referee import Disturbance, Push
+from pinograsp.simulation import Disturbance, Push
 
 plan = pg.load_case("paper", {"forces.search": "convex", "friction.model": "cone", "friction.safety": 1.3}).plan()
 

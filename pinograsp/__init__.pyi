@@ -69,7 +69,7 @@ from .planner import (
     plan_grasp_on as plan_grasp_on,
     save_run as save_run,
 )
-from .referee import (
+from .simulation import (
     simulate as simulate,
 )
 from .synthesis import (

@@ -1,4 +1,4 @@
-"""One shape on one joint beside a free object, for tests of the referee's engines."""
+"""One shape on one joint beside a free object, for tests of the simulation's engines."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull
 
 from pinograsp.hands.model import HandModel
-from pinograsp.referee.settings import Servo
+from pinograsp.simulation.settings import Servo
 
 DT = 2.5e-4
 

@@ -39,7 +39,7 @@ ROOMS = [
     "data",
     "synthesis",
     "storage",
-    "referee",
+    "simulation",
     "handover",
     "certification",
     "viz",
@@ -52,10 +52,10 @@ ROOMS = [
     "cli",
 ]
 OWNERS = {
-    "pinocchio": {"hands", "contacts", "motion", "data", "synthesis", "referee", "certification", "carry"},
+    "pinocchio": {"hands", "contacts", "motion", "data", "synthesis", "simulation", "certification", "carry"},
     "coacd": {"objects"},
-    "coal": {"hands", "objects", "contacts", "referee"},
-    "mujoco": {"hands", "objects", "referee", "handover"},
+    "coal": {"hands", "objects", "contacts", "simulation"},
+    "mujoco": {"hands", "objects", "simulation", "handover"},
     "trimesh": {"hands", "objects"},
     "fast_simplification": {"hands"},
     "h5py": {"data"},
@@ -73,9 +73,9 @@ OWNERS = {
     "ruamel": {"cases"},
     "typer": {"cli"},
     "rich": {"cli"},
-    "tqdm": {"forces", "synthesis", "referee", "viz", "sweep"},
-    "joblib": {"interrupts", "synthesis", "referee", "sweep"},
-    "cloudpickle": {"synthesis", "referee"},
+    "tqdm": {"forces", "synthesis", "simulation", "viz", "sweep"},
+    "joblib": {"interrupts", "synthesis", "simulation", "sweep"},
+    "cloudpickle": {"synthesis", "simulation"},
     "pyarrow": {"sweep"},
     "distributed": {"sweep"},
 }
@@ -206,19 +206,19 @@ def test_pictures_and_reports_need_no_solver():
 
 def test_what_reads_plans_loads_nothing_that_made_them():
     """Not even by way of other rooms: the record is below contacts, forces and motion."""
-    readers = "pinograsp.storage, pinograsp.referee, pinograsp.report, pinograsp.viz.figures, pinograsp.viz.scene"
+    readers = "pinograsp.storage, pinograsp.simulation, pinograsp.report, pinograsp.viz.figures, pinograsp.viz.scene"
     script = f"import sys, {readers}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=True)
     rooms = {room_of(name) for name in done.stdout.split() if name.startswith("pinograsp.")}
     assert {"plan", "storage"} <= rooms and not rooms & {"contacts", "forces", "motion", "synthesis", "planner"}
 
 
-def test_the_referee_shares_nothing_with_what_it_judges():
+def test_the_simulation_shares_nothing_with_what_it_judges():
     judged = ("contacts", "forces", "motion", "synthesis", "planner")
     shared = [
         f"{module} imports {name}"
         for module, name in arrows()
-        if room_of(module) == "referee" and name.startswith("pinograsp.") and room_of(name) in judged
+        if room_of(module) == "simulation" and name.startswith("pinograsp.") and room_of(name) in judged
     ]
     assert not shared
 

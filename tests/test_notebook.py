@@ -29,7 +29,7 @@ from pinograsp.hands.humanoid import humanoid_hand
 from pinograsp.notebook import html_of
 from pinograsp.plan import PlanRecord
 from pinograsp.planner import plan_best
-from pinograsp.referee import Disturbance, Errors, Servo, monte_carlo
+from pinograsp.simulation import Disturbance, Errors, Servo, monte_carlo
 from pinograsp.storage import read_run
 from pinograsp.viz.style import contact_colours
 

@@ -18,8 +18,8 @@ from pinograsp.handover import joint_trajectory
 from pinograsp.plan import PlanRecord
 from pinograsp.plan.answer import disturbance_held, does_it_hold, friction_used
 from pinograsp.planner import save_run
-from pinograsp.referee import simulate
 from pinograsp.report import answer, headline, markdown, page, write_report
+from pinograsp.simulation import simulate
 from pinograsp.storage import newest_check
 from pinograsp.viz import figures
 from pinograsp.viz.figures import save_figures

@@ -27,7 +27,7 @@ from pinograsp.forces import ConvexSolution, GlobalSolution, Objective, RobustFo
 from pinograsp.motion import effort_of
 from pinograsp.plan import Simulation
 from pinograsp.planner import plan_best
-from pinograsp.referee import Disturbance, Push
+from pinograsp.simulation import Disturbance, Push
 from pinograsp.synthesis import FoundGrasp, GraspSearch
 
 version: str = pg.__version__
@@ -120,7 +120,7 @@ GIVEN = """
 import pinograsp as pg
 from pinograsp.carry import plan_carry
 from pinograsp.planner import plan_best
-from pinograsp.referee import monte_carlo
+from pinograsp.simulation import monte_carlo
 from pinograsp.synthesis import GraspSearch
 
 

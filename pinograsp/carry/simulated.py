@@ -13,10 +13,10 @@ from pinograsp.carry.record import CarryPlan
 from pinograsp.checks import instance_of
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.plan import Simulation
-from pinograsp.referee import Servo, simulate
-from pinograsp.referee.settings import Disturbance
-from pinograsp.referee.simulate import SimulationSettings
-from pinograsp.referee.task import Task
+from pinograsp.simulation import Servo, simulate
+from pinograsp.simulation.settings import Disturbance
+from pinograsp.simulation.simulate import SimulationSettings
+from pinograsp.simulation.task import Task
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -41,7 +41,7 @@ def simulate_carry(
     Args:
         plan: of :func:`~pinograsp.carry.plan_carry`.
         disturbance: differences from the plan.
-        settings: as for :func:`~pinograsp.referee.simulate`. The default servos are those of the hand's description;
+        settings: as for :func:`~pinograsp.simulation.simulate`. The default servos are those of the hand's description;
             joints of an arm without any give way by 0.03 rad or m to their largest torque.
 
     Raises:

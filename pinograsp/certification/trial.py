@@ -1,4 +1,4 @@
-"""A certified grasp as the referee tries it: the hand closes to where it touches, presses, and the object is let go."""
+"""A certified grasp as simulated: the hand closes to where it touches, presses, and the object is let go."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pinograsp.checks import instance_of, integer, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.quintic import between
 from pinograsp.motion import effort_of, torque_limits
-from pinograsp.referee.task import Task
+from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array
 
 _OPEN = 5e-3  # [m] of the surface that links start
@@ -22,7 +22,7 @@ _SAMPLES, _IMPACT, _FINAL = 101, 0.8, 1.0  # of the commands [s]
 
 
 def trial_of(certificates: Certificates, i: int) -> Task:
-    """Grasp i for :func:`~pinograsp.referee.simulate`: its own posture, forces and torques.
+    """Grasp i for :func:`~pinograsp.simulation.simulate`: its own posture, forces and torques.
 
     The hand closes from 5 mm off the object to where the links of its contacts are as deep as the contact law asks for
     the forces, by the least change of posture, and sends the torques that hold them. What the joints cannot do, as

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from pinograsp.hands import HandModel
     from pinograsp.plan import Simulation
     from pinograsp.planner import GraspPlan
-    from pinograsp.referee import Disturbance, Errors, Servo, WhatHolds
-    from pinograsp.referee.monte_carlo import MonteCarlo
-    from pinograsp.referee.settings import Control
-    from pinograsp.referee.task import Task
-    from pinograsp.referee.thresholds import Threshold
-    from pinograsp.referee.trials import TrialSettings
+    from pinograsp.simulation import Disturbance, Errors, Servo, WhatHolds
+    from pinograsp.simulation.monte_carlo import MonteCarlo
+    from pinograsp.simulation.settings import Control
+    from pinograsp.simulation.task import Task
+    from pinograsp.simulation.thresholds import Threshold
+    from pinograsp.simulation.trials import TrialSettings
     from pinograsp.spatial import Array
     from pinograsp.writing import NewFolder
 
@@ -128,7 +128,7 @@ def check(
         str | None,
         typer.Option(
             metavar="NAME=VALUE,...",
-            help="Sizes of the random errors in SI units, ranges as LOW:HIGH, as pinograsp.referee.Errors tells them; "
+            help="Sizes of the random errors in SI units, ranges as LOW:HIGH, as pinograsp.simulation.Errors has them; "
             "0: none. Besides the six there are stiffness=LOW:HIGH, joint_offset, joint_friction, servo_gain.",
         ),
     ] = None,
@@ -169,8 +169,8 @@ def check(
     """
     from pinograsp.checks import one_of
     from pinograsp.planner import load_run
-    from pinograsp.referee.settings import CONTROLS, SUPPORTS
-    from pinograsp.referee.simulate import ENGINES
+    from pinograsp.simulation.settings import CONTROLS, SUPPORTS
+    from pinograsp.simulation.simulate import ENGINES
 
     if not 0 <= monte_carlo <= _MOST_TRIALS:
         raise InvalidInput(f"--monte-carlo: expected a number of trials from 0 to {_MOST_TRIALS}, got {monte_carlo}")
@@ -260,9 +260,9 @@ def _check(
 ) -> dict[str, Any]:
     """Simulate the plan, run the studies, and write the results; returns their summary."""
     from pinograsp.cli.report import refresh
-    from pinograsp.referee import simulate
-    from pinograsp.referee.task import Task
     from pinograsp.report import checked
+    from pinograsp.simulation import simulate
+    from pinograsp.simulation.task import Task
     from pinograsp.storage import newest_check, write_simulation
     from pinograsp.viz.checks import save_check_figures
     from pinograsp.writing import list_in
@@ -349,8 +349,8 @@ def _studies(
     as_json: bool,
 ) -> Iterator[tuple[str, MonteCarlo | Threshold | WhatHolds]]:
     """The requested studies, by name; thresholds are compared with the planner's own margins."""
-    from pinograsp.referee import Errors, Servo, load_threshold, monte_carlo, slip_threshold, what_holds
-    from pinograsp.referee.monte_carlo import FILE
+    from pinograsp.simulation import Errors, Servo, load_threshold, monte_carlo, slip_threshold, what_holds
+    from pinograsp.simulation.monte_carlo import FILE
     from pinograsp.writing import list_in
 
     if lost and studies.what_holds:
@@ -391,7 +391,7 @@ def _disturbance(task: Task, options: _Differences) -> Disturbance:
     import numpy as np
 
     from pinograsp.checks import number
-    from pinograsp.referee import BaseMotion, Disturbance, Push
+    from pinograsp.simulation import BaseMotion, Disturbance, Push
 
     pushes = []
     for text in options.push or ():
@@ -435,7 +435,7 @@ def _disturbance(task: Task, options: _Differences) -> Disturbance:
 
 
 def _servo(plan: GraspPlan, control: Control, kp: str | None) -> Servo:
-    from pinograsp.referee import Servo
+    from pinograsp.simulation import Servo
 
     hand = plan.require_hand()
     stiffness = None if kp is None else _of_joints(hand, "--kp", kp, 1.0, 1e3)
@@ -465,7 +465,7 @@ def _rows(option: str, path: Path) -> tuple[Array, Array]:
 
 def _errors(text: str | None) -> Errors | None:
     """The sizes of the random errors; None: the default ones."""
-    from pinograsp.referee import Errors
+    from pinograsp.simulation import Errors
 
     if text is None:
         return None

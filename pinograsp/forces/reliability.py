@@ -2,7 +2,7 @@
 
 Every sample is a force problem of its own; all are solved as one batch (:func:`~pinograsp.forces.solve_batch`), in
 seconds instead of the hours of a simulation. Motion, rolling and vibration are left to the simulation
-(:func:`~pinograsp.referee.monte_carlo`).
+(:func:`~pinograsp.simulation.monte_carlo`).
 """
 
 from __future__ import annotations

@@ -25,9 +25,9 @@ from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord
-from pinograsp.referee.scene import COUPLED_STEPS, compiled, outline
-from pinograsp.referee.settings import Servo
-from pinograsp.referee.verdict import MOVED, TURNED
+from pinograsp.simulation.scene import COUPLED_STEPS, compiled, outline
+from pinograsp.simulation.settings import Servo
+from pinograsp.simulation.verdict import MOVED, TURNED
 from pinograsp.spatial import Array
 from pinograsp.words import printable
 from pinograsp.writing import write_file

@@ -19,8 +19,8 @@ from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.planning import GraspTask, Search, task_on
-from pinograsp.referee import Disturbance, simulate
-from pinograsp.referee.simulate import EngineName
+from pinograsp.simulation import Disturbance, simulate
+from pinograsp.simulation.simulate import EngineName
 from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 

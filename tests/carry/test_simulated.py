@@ -13,7 +13,7 @@ from pinograsp.carry import plan_carry, simulate_carry
 from pinograsp.carry.simulated import LETTING_GO, carry_task, servo_of
 from pinograsp.errors import InvalidInput
 from pinograsp.planner import plan_best
-from pinograsp.referee import Disturbance, Push, simulate
+from pinograsp.simulation import Disturbance, Push, simulate
 
 STEP = 1e-3  # [s]
 OVER = {"panda_joint2": 0.4, "panda_joint4": -0.5, "panda_joint6": 3.6}

@@ -11,7 +11,7 @@ from pinograsp.contacts import close_hand, contacts_of
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import Drive
-from pinograsp.referee.settings import Disturbance
+from pinograsp.simulation.settings import Disturbance
 
 PLACE = np.eye(4)
 PLACE[:3, 3] = [0.07, 0.0, 0.06]
@@ -293,7 +293,7 @@ def test_a_grasp_without_contacts_has_no_problem_and_no_trial(allegro):
 
 
 @pytest.mark.slow
-def test_what_is_certified_holds_in_the_referee_and_falls_with_less_friction_than_it_needs(allegro):
+def test_what_is_certified_holds_in_simulation_and_falls_with_less_friction_than_it_needs(allegro):
     pytest.importorskip("mujoco")
     q, roots = near(allegro, 6, 11)
     found = certify(allegro.hand, allegro.object, q, CONDITIONS, roots=roots)

@@ -72,7 +72,7 @@ def _arm_only(run):
 
 
 @pytest.mark.slow
-def test_squeezes_scenarios_and_the_referee(command, run, no_rendering):
+def test_squeezes_scenarios_and_simulation(command, run, no_rendering):
     code, out, err = command(
         *(
             "carry",

@@ -77,8 +77,8 @@ def test_choices_are_those_that_the_package_takes():
     from pinograsp.handover.commands import COMMANDS
     from pinograsp.hands.load import Masses
     from pinograsp.planner import Search
-    from pinograsp.referee.settings import CONTROLS, SUPPORTS
-    from pinograsp.referee.simulate import ENGINES
+    from pinograsp.simulation.settings import CONTROLS, SUPPORTS
+    from pinograsp.simulation.simulate import ENGINES
     from pinograsp.sweep.workers import BACKENDS as SWEEPING
 
     for ours, theirs in (

@@ -69,7 +69,7 @@ def prepare() -> None:
 
 
 def _fill() -> None:
-    from pinograsp import actuation, contacts, forces, handover, hands, motion, referee, report, storage, synthesis
+    from pinograsp import actuation, contacts, forces, handover, hands, motion, report, simulation, storage, synthesis
     from pinograsp.cases import builtin_cases
     from pinograsp.contacts import quality
     from pinograsp.hands import dh
@@ -571,12 +571,12 @@ def _fill() -> None:
     call(handover.read_csv, path="kept/motion.csv")
     call(handover.read_ros2, path="kept/motion.yaml")
 
-    push = referee.Push(wrench_o=[0, 0, -0.5, 0, 0, 0], start=0.01, duration=0.01)
-    call(referee.Push, wrench_o=[0, 0, -0.5, 0, 0, 0], start=0.2, duration=0.1)
-    motion = referee.BaseMotion(times=[0.0, 0.02], accelerations=np.zeros((2, 3)))
-    call(referee.BaseMotion, times=[0.0, 0.02], accelerations=np.zeros((2, 3)))
+    push = simulation.Push(wrench_o=[0, 0, -0.5, 0, 0, 0], start=0.01, duration=0.01)
+    call(simulation.Push, wrench_o=[0, 0, -0.5, 0, 0, 0], start=0.2, duration=0.1)
+    motion = simulation.BaseMotion(times=[0.0, 0.02], accelerations=np.zeros((2, 3)))
+    call(simulation.BaseMotion, times=[0.0, 0.02], accelerations=np.zeros((2, 3)))
     call(motion.at, since=0.01)
-    call(referee.BaseMotion.through, times=[0.0, 0.02], positions=np.zeros((2, 3)))
+    call(simulation.BaseMotion.through, times=[0.0, 0.02], positions=np.zeros((2, 3)))
     disturbance = {
         "pushes": (push,),
         "shake": [0.1, 0.0, 0.0],
@@ -592,14 +592,14 @@ def _fill() -> None:
         "joint_friction": np.full(hand.n, 1e-4),
         "servo_gain": 1.1,
     }
-    call(referee.Disturbance, **disturbance)
-    call(referee.Disturbance(**disturbance).wrench, since_release=0.01)
-    call(referee.Disturbance(**disturbance).acceleration, since=0.01)
-    call(referee.Servo, stiffness=np.ones(hand.n), damping=np.ones(hand.n), rotor=np.zeros(hand.n))
-    call(referee.Servo.of, hand=hand, stiffness=50.0, damping=0.5, control="position")
-    call(referee.Servo.of(hand).scaled, factor=1.1)
+    call(simulation.Disturbance, **disturbance)
+    call(simulation.Disturbance(**disturbance).wrench, since_release=0.01)
+    call(simulation.Disturbance(**disturbance).acceleration, since=0.01)
+    call(simulation.Servo, stiffness=np.ones(hand.n), damping=np.ones(hand.n), rotor=np.zeros(hand.n))
+    call(simulation.Servo.of, hand=hand, stiffness=50.0, damping=0.5, control="position")
+    call(simulation.Servo.of(hand).scaled, factor=1.1)
     call(
-        referee.Errors,
+        simulation.Errors,
         position=2e-3,
         rotation=0.03,
         friction=(0.05, 0.1),
@@ -617,8 +617,8 @@ def _fill() -> None:
         hold=0.01,
         engine="mujoco",
         mode="servo",
-        disturbance=referee.Disturbance(),
-        servo=referee.Servo.of(hand),
+        disturbance=simulation.Disturbance(),
+        servo=simulation.Servo.of(hand),
         time_step=2e-3,
         sample=5e-3,
         release=True,
@@ -627,20 +627,20 @@ def _fill() -> None:
     )
     quick = {"hold": 0.01, "time_step": 2e-3, "engine": "mujoco"}
     call(
-        referee.monte_carlo,
+        simulation.monte_carlo,
         plan=w.plan,
         count=1,
         seed=0,
-        errors=referee.Errors(),
+        errors=simulation.Errors(),
         jobs=1,
         progress=False,
         folder=None,
         **quick | {"hold": 0.31},
     )
-    for threshold in (referee.slip_threshold, referee.load_threshold):
+    for threshold in (simulation.slip_threshold, simulation.load_threshold):
         call(threshold, plan=w.plan, tolerance=1.0, planned=0.7, jobs=1, disturbance=None, **quick)
-    slippery = referee.Disturbance(mu=0.0)
-    call(referee.what_holds, plan=w.plan, disturbance=slippery, tolerance=1.0, **quick)
+    slippery = simulation.Disturbance(mu=0.0)
+    call(simulation.what_holds, plan=w.plan, disturbance=slippery, tolerance=1.0, **quick)
 
     call(pg.save_run, plan=w.run, folder="run", force=False, extras=None)
     call(pg.load_run, folder="kept/run")

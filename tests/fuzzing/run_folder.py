@@ -18,8 +18,8 @@ from pinograsp.errors import GraspInfeasible, InvalidInput
 from pinograsp.handover import joint_trajectory
 from pinograsp.plan import PlanFailure
 from pinograsp.planner import failure_of, save_run
-from pinograsp.referee import simulate
 from pinograsp.report import write_report
+from pinograsp.simulation import simulate
 from pinograsp.storage import newest_check, read_check, read_run, write_simulation
 from pinograsp.viz.figures import save_figures
 from pinograsp.viz.page import save_html

@@ -21,8 +21,8 @@ from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.handover import JointTrajectory, joint_trajectory, read_csv, read_ros2
 from pinograsp.motion import MotionSpec, plan_motion
 from pinograsp.planner import load_run, save_run
-from pinograsp.referee import Servo
-from pinograsp.referee.scene import build
+from pinograsp.simulation import Servo
+from pinograsp.simulation.scene import build
 
 COLUMNS = ("q", "dq", "ddq", "effort")
 
@@ -533,7 +533,7 @@ def test_actuators_of_all_kinds_make_the_efforts(psyonic, tmp_path):
 
 @pytest.mark.parametrize("name", ["paper", "psyonic", "panda"])
 def test_servos_follow_the_controls(request, tmp_path, name):
-    """The referee's model of the hand, with its servos, the object out of the way."""
+    """The simulation's model of the hand, with its servos, the object out of the way."""
     plan, dt = request.getfixturevalue(name), 5e-4
     away = pg.Sphere(radius=0.01, mass=0.1, pose=np.block([[np.eye(3), np.full((3, 1), 5.0)], [np.zeros((1, 3)), 1.0]]))
     gravity = plan.problem.gravity_o

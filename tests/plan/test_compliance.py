@@ -11,7 +11,7 @@ import pinograsp as pg
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import servo_gains
 from pinograsp.planner.compliance import instability
-from pinograsp.referee import Disturbance, Servo
+from pinograsp.simulation import Disturbance, Servo
 
 
 @pytest.fixture(scope="module")

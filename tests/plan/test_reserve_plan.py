@@ -127,7 +127,7 @@ def test_what_goes_with_a_reserve(closure):
 @pytest.mark.slow
 def test_held_when_shaken_as_hard_as_planned(plan, closure):
     """The hand shaken along each axis with half the weight's acceleration; without a reserve it is lost."""
-    from pinograsp.referee.settings import Disturbance
+    from pinograsp.simulation.settings import Disturbance
 
     bare = planned(closure, None)
     for axis in np.eye(3):

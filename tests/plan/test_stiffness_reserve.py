@@ -12,8 +12,8 @@ from pinograsp.cases.object_case import ObjectCase
 from pinograsp.errors import GraspUndecided, InvalidInput, Status
 from pinograsp.forces import disturbance_margin
 from pinograsp.planner import load_run, save_run
-from pinograsp.referee import Disturbance, Servo
 from pinograsp.report import answer
+from pinograsp.simulation import Disturbance, Servo
 
 FACTORS = [0.2, 1.0, 5.0]
 RESERVE = pg.Reserve(softer=5.0, stiffer=5.0)

@@ -27,7 +27,7 @@ from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
 from pinograsp.objects.record import object_of, object_record
 from pinograsp.plan import PlanFailure, Proof
 from pinograsp.planner import load_run, save_run
-from pinograsp.referee import simulate
+from pinograsp.simulation import simulate
 from pinograsp.spatial import pose_of
 from pinograsp.storage import newest_check, read_check, read_run, write_simulation
 

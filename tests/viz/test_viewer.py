@@ -45,8 +45,8 @@ from pinograsp.plan import (
     PlanRecord,
 )
 from pinograsp.planner import GraspPlan, plan_grasp, plan_grasp_on, save_run
-from pinograsp.referee import simulate
 from pinograsp.report import write_report
+from pinograsp.simulation import simulate
 from pinograsp.spatial import pose_of, tangent_frame
 from pinograsp.storage import newest_check, read_check, write_simulation
 from pinograsp.viz.figures import save_figures

@@ -1,0 +1,294 @@
+"""MuJoCo as the engine of a simulation: multibody dynamics, collision and integration."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.hands.mujoco_callbacks import without_callbacks
+from pinograsp.simulation.dry_friction import rubbing
+from pinograsp.simulation.law import NO_TOUCHES, Displacements, Pressing, Touches, cross
+from pinograsp.simulation.overlaps import Collider
+from pinograsp.simulation.scene import build
+from pinograsp.simulation.settings import Servo
+from pinograsp.simulation.task import Task
+from pinograsp.spatial import Array, IntArray
+
+
+class _Follower(NamedTuple):
+    """A coupled joint: q[dof] = factor * q of the joint that it follows + offset.
+
+    Attributes:
+        dof: its index in MuJoCo's vectors.
+        followed: index of the joint that it follows, in the order of the hand's q.
+        factor: [-].
+        offset: [rad or m].
+    """
+
+    dof: int
+    followed: int
+    factor: float
+    offset: float
+
+
+class MujocoEngine:
+    """Hand and object, stepped in time. Vectors of joints are in the order of the hand's q; world axes.
+
+    Attributes:
+        parts: number of parts of the hand: one per Pinocchio joint, 0 being the palm.
+        notes: differences from the plan's geometry.
+        torques: of the motors over the last step (n,) [N m or N].
+        friction: torques of the joints' dry friction over the last step (n,) [N m or N].
+    """
+
+    def __init__(
+        self, task: Task, *, time_step: float, servo: Servo, mass_factor: float, joint_friction: Array | None = None
+    ):
+        hand = task.hand
+        flat = len(set(task.links)) < len(task.links)
+        self.model, notes = build(
+            hand,
+            task.body,
+            time_step=time_step,
+            gravity_o=task.gravity_o,
+            servo=servo,
+            mass_factor=mass_factor,
+            flat=flat,
+        )
+        self.notes, self.parts = tuple(notes), int(hand.model.njoints)
+        self.data, self.dt, self.servo = mujoco.MjData(self.model), time_step, servo
+        self.limit = task.torque_limit
+        self.torques: Array = np.zeros(hand.n)
+        self.friction: Array = np.zeros(hand.n)
+        self.most_friction: Array = np.zeros(hand.n) if joint_friction is None else np.array(joint_friction)
+        self.servoed: Array = np.where(servo.stiffness > 0, 1.0, 0.0)
+        self.gain: Array = np.where(servo.stiffness > 0, servo.stiffness, 1.0)
+        model = self.model
+        finite = np.isfinite(task.torque_limit)
+        model.actuator_forcelimited[:] = finite
+        model.actuator_forcerange[:] = np.where(finite, task.torque_limit, 0.0)[:, None] * [-1, 1]
+        self.displacements = Displacements(time_step) if task.carrier else None
+        self.dofs = np.array([model.joint(name).dofadr[0] for name in hand.joint_names])
+        self.followers = [
+            _Follower(int(model.joint(name).dofadr[0]), hand.joint_names.index(c.followed), c.factor, c.offset)
+            for name, c in hand.couplings.items()
+        ]
+        self.object = model.body("object").id
+        # MuJoCo's geometry is convex: overlaps with an object that is not come from coal, as in the other engine.
+        self.collider = None if model.body_geomnum[self.object] else Collider(hand, task.body)
+        self.object_q, self.object_v = model.jnt_qposadr[model.body_jntadr[self.object]], model.body_dofadr[self.object]
+        # Pinocchio's joint of each of MuJoCo's bodies; -1: the object.
+        self.part_of_body = np.array(
+            [0, *(int(model.body(i).name.split()[1]) if i != self.object else -1 for i in range(1, model.nbody))]
+        )
+        self.body_of_part = np.zeros(self.parts, dtype=int)
+        for body, part in enumerate(self.part_of_body):
+            if part > 0:
+                self.body_of_part[part] = body
+
+    def running(self) -> AbstractContextManager[None]:
+        """While steps are made: without the callbacks that others have set, which MuJoCo has for the whole process."""
+        return without_callbacks()
+
+    def place(self, q: Array, dq: Array, object_pose: Array | None = None) -> None:
+        """Put the hand's joints at q, dq (n,), and the object at rest at a pose (4, 4)."""
+        data = self.data
+        # Each joint of the hand has one position and one velocity, and the object comes last: the indices agree.
+        data.qpos[self.dofs], data.qvel[self.dofs] = q, dq
+        for one in self.followers:
+            data.qpos[one.dof] = one.factor * q[one.followed] + one.offset
+            data.qvel[one.dof] = one.factor * dq[one.followed]
+        if object_pose is not None:
+            i, v = self.object_q, self.object_v
+            data.qpos[i : i + 3] = object_pose[:3, 3]
+            data.qpos[i + 3 : i + 7] = pin.Quaternion(np.array(object_pose[:3, :3])).coeffs()[[3, 0, 1, 2]]
+            data.qvel[v : v + 6] = 0.0
+
+    def set_gravity(self, gravity_o: Array) -> None:
+        """Gravity from now on (3,) [m/s^2]."""
+        self.model.opt.gravity[:] = gravity_o
+
+    def touches(self) -> Touches:
+        """Detect collisions at the present state: the points at which the hand overlaps the object."""
+        model, data = self.model, self.data
+        mujoco.mj_step1(model, data)
+        if self.displacements is not None:
+            self.displacements.put(data.xmat.reshape(-1, 3, 3).copy(), data.xpos.copy())
+        if self.collider is not None:
+            return self._touches_of_surface(self.collider)
+        contact = data.contact
+        if not data.ncon:
+            return NO_TOUCHES
+        overlapping = np.flatnonzero(contact.dist[: data.ncon] < 0)
+        if not overlapping.size:
+            return NO_TOUCHES
+        geoms = contact.geom[overlapping]
+        bodies = model.geom_bodyid[geoms]
+        normal = contact.frame[overlapping][:, :3].copy()  # from the first geom to the second
+        swapped = bodies[:, 0] == self.object
+        normal[swapped] *= -1
+        body = np.where(swapped, bodies[:, 1], bodies[:, 0])
+        depth = -contact.dist[overlapping]
+        # MuJoCo's point lies half-way between the surfaces.
+        point = contact.pos[overlapping] - 0.5 * depth[:, None] * normal
+        geometry = np.where(swapped, geoms[:, 1], geoms[:, 0])
+        return self._moving(body, geometry, point, normal, depth)
+
+    def _touches_of_surface(self, collider: Collider) -> Touches:
+        """The points at which the hand overlaps an object that is not convex."""
+        data = self.data
+        placements = [pin.SE3(data.xmat[body].reshape(3, 3), data.xpos[body]) for body in self.body_of_part]
+        pose = self.object_pose
+        overlaps = collider.collide(placements, self.q, pose[:3, :3], pose[:3, 3])
+        if not overlaps:
+            return NO_TOUCHES
+        joints, geometry, points, normals, depths = (np.array(one) for one in zip(*overlaps))
+        return self._moving(self.body_of_part[joints], geometry, points, normals, depths)
+
+    def _moving(self, body: IntArray, geometry: IntArray, point: Array, normal: Array, depth: Array) -> Touches:
+        """Touches of MuJoCo's bodies, with their velocities relative to the object."""
+        model, data = self.model, self.data
+        mine, other = data.cvel[body], np.tile(data.cvel[self.object], (len(body), 1))
+        velocity = None if self.displacements is None else self.displacements.velocity(body, self.object, point)
+        if velocity is None:
+            velocity = mine[:, 3:] + cross(mine[:, :3], point - data.subtree_com[model.body_rootid[body]])
+            velocity -= other[:, 3:] + cross(other[:, :3], point - data.subtree_com[self.object])
+        spin = ((mine[:, :3] - other[:, :3]) * normal).sum(axis=1)
+        return Touches(self.part_of_body[body], geometry, point, normal, depth, velocity, spin)
+
+    def step(
+        self, q: Array, dq: Array, feed_forward: Array, touches: Touches, pressing: Pressing, wrench_o: Array
+    ) -> None:
+        """One step with servos, see :meth:`pinograsp.simulation.stepping.Engine.step`."""
+        data, servo = self.data, self.servo
+        data.ctrl[:] = self.servoed * q + (servo.damping * dq + feed_forward) / self.gain
+        self._press(touches, pressing, wrench_o)
+        before = self.dq
+        mujoco.mj_step2(self.model, data)
+        torques: Array = data.actuator_force.copy()
+        free = np.abs(torques) < self.limit if not self.followers else np.zeros(len(torques), dtype=bool)
+        if self.most_friction.any():
+            self._rub(np.where(free, self.dt * servo.damping, 0.0))
+        # Damping acts at the end of the step, except for motors at their limits and in hands with coupled joints.
+        torques[free] -= (servo.damping * (self.dq - before))[free]
+        self.torques = torques
+
+    def _rub(self, implicit: Array) -> None:
+        """Change the end of a step by the joints' dry friction.
+
+        MuJoCo's own friction of joints is soft, light fingers would creep.
+        """
+        data, joints = self.data, len(self.dofs)
+        every = np.zeros((self.model.nv, joints))  # velocities of all joints by those of the independent ones
+        every[self.dofs, np.arange(joints)] = 1.0
+        for one in self.followers:
+            every[one.dof, one.followed] = one.factor
+        mass = every.T @ self._full_mass() @ every + np.diag(implicit)
+        self.friction, acceleration = rubbing(mass, self.dq, self.dt, self.most_friction, self.friction)
+        change = self.dt * (every @ acceleration)
+        data.qvel += change
+        moved = np.append(self.dofs, [one.dof for one in self.followers]).astype(int)
+        data.qpos[moved] += self.dt * change[moved]
+
+    def step_prescribed(self, ddq: Array, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
+        """One step of the object alone; the torques are those that accelerate the joints by ddq (n,)."""
+        data, servo = self.data, self.servo
+        data.ctrl[:] = self.servoed * self.q + servo.damping * self.dq / self.gain  # the motors exert no torque
+        self._press(touches, pressing, wrench_o)
+        mujoco.mj_step2(self.model, data)
+        acceleration = data.qacc.copy()
+        acceleration[self.dofs] = ddq
+        for one in self.followers:
+            acceleration[one.dof] = one.factor * ddq[one.followed]
+        torques: Array = self._full_mass() @ acceleration + data.qfrc_bias - self._from_contacts()
+        self.torques = torques[self.dofs].copy()
+        for one in self.followers:
+            self.torques[one.followed] += one.factor * torques[one.dof]
+
+    def _full_mass(self) -> Array:
+        full = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self.data, full)
+        return full
+
+    def _from_contacts(self) -> Array:
+        """Generalised forces of the wrenches applied to the bodies (nv,)."""
+        data = self.data
+        forces: Array = data.qfrc_smooth - data.qfrc_passive - data.qfrc_actuator - data.qfrc_applied + data.qfrc_bias
+        return forces
+
+    def _press(self, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
+        """Apply the contact forces and a wrench (6,) on the object."""
+        data = self.data
+        applied = data.xfrc_applied
+        applied[:] = 0.0
+        if touches.part.size:
+            body = self.body_of_part[touches.part]
+            force, at = pressing.force_o, touches.point_o
+            moment = cross(at - data.xipos[body], force) + pressing.moment_o
+            for i, b in enumerate(body):
+                applied[b, :3] -= force[i]
+                applied[b, 3:] -= moment[i]
+            applied[self.object, :3] = force.sum(axis=0)
+            applied[self.object, 3:] = (cross(at - data.xipos[self.object], force) + pressing.moment_o).sum(axis=0)
+        applied[self.object] += wrench_o
+        if self.followers:
+            self._carry_to_leaders(touches, pressing)
+
+    def _carry_to_leaders(self, touches: Touches, pressing: Pressing) -> None:
+        """Move the forces on coupled joints to the joints that they follow: MuJoCo's soft couplings would yield."""
+        data = self.data
+        load = -data.qfrc_bias
+        for part, force, moment, point in zip(touches.part, pressing.force_o, pressing.moment_o, touches.point_o):
+            if part:
+                mujoco.mj_applyFT(self.model, data, -force, -moment, point, self.body_of_part[part], load)
+        data.qfrc_applied[:] = 0.0
+        for one in self.followers:
+            data.qfrc_applied[one.dof] = -load[one.dof]
+            data.qfrc_applied[self.dofs[one.followed]] += one.factor * load[one.dof]
+
+    @property
+    def q(self) -> Array:
+        """Joint positions (n,) [rad, m]."""
+        q: Array = self.data.qpos[self.dofs]
+        return q
+
+    @property
+    def dq(self) -> Array:
+        """Joint rates (n,) [rad/s, m/s]."""
+        dq: Array = self.data.qvel[self.dofs]
+        return dq
+
+    @property
+    def object_pose(self) -> Array:
+        """Pose oMs (4, 4) of the object's shape, at its centre of mass."""
+        pose = np.eye(4)
+        i = self.object_q
+        pose[:3, 3] = self.data.qpos[i : i + 3]
+        pose[:3, :3] = self._rotation()
+        return pose
+
+    def _rotation(self) -> Array:
+        """Of the object (3, 3)."""
+        i = self.object_q
+        w, x, y, z = self.data.qpos[i + 3 : i + 7].tolist()
+        rotation: Array = pin.Quaternion(w, x, y, z).toRotationMatrix()
+        return rotation
+
+    @property
+    def object_twist(self) -> Array:
+        """Velocity of the object's centre of mass and angular velocity (6,), world axes [m/s, rad/s]."""
+        twist: Array = self.data.qvel[self.object_v : self.object_v + 6].copy()
+        twist[3:] = self._rotation() @ twist[3:]
+        return twist
+
+    def potential_energy(self) -> float:
+        """In gravity [J], at the state of the last :meth:`touches`."""
+        return float(self.data.energy[0])
+
+    def kinetic_energy(self) -> float:
+        """[J], at the state of the last :meth:`touches`."""
+        return float(self.data.energy[1])

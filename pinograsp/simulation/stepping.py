@@ -1,0 +1,309 @@
+"""A plan simulated step by step: the commands, the object's support until it is let go, and the loop over time."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicHermiteSpline
+
+from pinograsp.checks import array_of, each_of
+from pinograsp.errors import SimulationDiverged
+from pinograsp.simulation.law import ContactLaw, Pressing, Touches
+from pinograsp.simulation.sample import Energies, Sample, by_part
+from pinograsp.simulation.settings import Disturbance, Support
+from pinograsp.simulation.table import Table
+from pinograsp.simulation.task import Task
+from pinograsp.simulation.verdict import GONE
+from pinograsp.spatial import Array
+
+_SUPPORT = 200.0  # [rad/s] natural frequency of the object on its support
+_FASTEST = 1e3  # [m/s, rad/s] faster than any hand: the simulation has diverged
+
+
+class Engine(Protocol):
+    """Hand and object, stepped in time: :class:`~pinograsp.simulation.pinocchio_engine.PinocchioEngine` says how."""
+
+    parts: int
+    notes: tuple[str, ...]
+    torques: Array
+    friction: Array
+
+    @property
+    def q(self) -> Array:
+        """Joint positions (n,)."""
+
+    @property
+    def dq(self) -> Array:
+        """Joint velocities (n,)."""
+
+    @property
+    def object_pose(self) -> Array:
+        """(4, 4)."""
+
+    @property
+    def object_twist(self) -> Array:
+        """(6,) [m/s, rad/s]."""
+
+    def running(self) -> AbstractContextManager[None]:
+        """While steps are made."""
+
+    def place(self, q: Array, dq: Array, object_pose: Array | None = None) -> None:
+        """Put the joints at q, dq, and the object at rest at a pose."""
+
+    def set_gravity(self, gravity_o: Array) -> None:
+        """Gravity from now on (3,) [m/s^2]."""
+
+    def touches(self) -> Touches:
+        """Where the hand overlaps the object."""
+
+    def potential_energy(self) -> float:
+        """[J]."""
+
+    def kinetic_energy(self) -> float:
+        """[J]."""
+
+    def step(
+        self,
+        q: Array,
+        dq: Array,
+        feed_forward: Array,
+        touches: Touches,
+        pressing: Pressing,
+        wrench_o: Array,
+    ) -> None:
+        """One step with servos.
+
+        Args:
+            q: positions that the motors hold (n,) [rad or m].
+            dq: their velocities (n,) [rad/s or m/s].
+            feed_forward: torques added to the servos' (n,) [N m or N].
+            touches: of the last :meth:`touches`.
+            pressing: the contact forces there.
+            wrench_o: on the object (6,) [N, N m].
+        """
+
+    def step_prescribed(self, ddq: Array, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
+        """One step with joints that follow the commands exactly."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Schedule:
+    """Duration and steps of a simulation, and its disturbance.
+
+    Attributes:
+        time_step: [s].
+        shortened: whether it is shorter than asked for.
+        duration: of the simulation [s].
+        every: number of steps between samples.
+        release: whether the object is let go at t_F.
+        support: of the object until the hand carries it.
+        letting_go: how long that takes to fade [s].
+        prescribed: whether joints follow the commands exactly, whatever torque that takes.
+        disturbance: differences from the plan.
+    """
+
+    time_step: float
+    shortened: bool
+    duration: float
+    every: int
+    release: bool
+    support: Support
+    letting_go: float
+    prescribed: bool
+    disturbance: Disturbance
+
+
+class _Course:
+    """The commands of the joints at every step; at their end, t_F as a rule, the last one is held."""
+
+    def __init__(self, task: Task, schedule: Schedule):
+        dt = schedule.time_step
+        self.steps, self.let_go = round(schedule.duration / dt), round(task.final_time / dt)
+        self.free = {"fixed": self.let_go, "table": 0, "none": round(task.impact_time / dt)}[schedule.support]
+        end = float(task.times[-1])
+        instants = dt * np.arange(min(self.steps, round(end / dt) + 2) + 1)
+        spline, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, end)
+        # Servos bring what the encoders read to the plan's positions.
+        self.q = spline(until) - each_of("joint offset", schedule.disturbance.joint_offset, task.hand.n)
+        self.dq = spline(until, 1)
+        self.ddq = np.zeros_like(self.q)
+        self.torques = np.column_stack([np.interp(instants, task.times, column) for column in task.torques.T])
+        held = instants > end - 0.5 * dt
+        self.dq[held], self.torques[held] = 0.0, task.holding_torques
+        if schedule.prescribed:  # the engines integrate a step's velocity to the next position
+            self.dq[1:] = np.diff(self.q, axis=0) / dt
+            self.ddq[:-1], self.ddq[-1] = np.diff(self.dq, axis=0) / dt, 0.0
+
+    def at(self, step: int) -> int:
+        """The row of a step."""
+        return min(step, len(self.q) - 1)
+
+
+class _Fixture:
+    """What holds the object until t_F; its force and its stiffness then fade together."""
+
+    def __init__(self, task: Task, pose: Array, mass_factor: float, duration: float):
+        self.task, self.pose, self.duration = task, pose, duration
+        mass = mass_factor * task.body.mass
+        inertia = float(np.linalg.eigvalsh(mass_factor * task.body.inertia_b)[0])
+        inertias: Array = np.repeat(np.array([mass, inertia]), 3)
+        self.spring, self.damper = inertias * _SUPPORT**2, 2 * inertias * _SUPPORT
+        self.weight = np.concatenate([mass * task.gravity_o, np.zeros(3)])
+        self.carried: Array | None = None
+
+    def wrench(self, since: float, engine: Engine, touches: Touches, pressing: Pressing) -> Array:
+        """On the object (6,) [N, N m], at a time after t_F [s]."""
+        if since >= self.duration:
+            return np.zeros(6)
+        pose = engine.object_pose
+        if self.carried is None:  # at t_F: what keeps the object in equilibrium
+            moments = np.cross(touches.point_o - pose[:3, 3], pressing.force_o) + pressing.moment_o
+            pressed = np.concatenate([pressing.force_o.sum(axis=0), moments.sum(axis=0)])
+            self.carried = -(pressed + self.weight + self.task.load)
+        moved = np.concatenate([pose[:3, 3] - self.pose[:3, 3], pin.log3(pose[:3, :3] @ self.pose[:3, :3].T)])
+        full: Array = self.carried - self.spring * moved - self.damper * engine.object_twist
+        return (1 - since / self.duration) * full
+
+
+class Trial:
+    """One simulation of a task by an engine.
+
+    Attributes:
+        samples: what was recorded.
+        complete: index of the sample at t_F.
+        gone: whether the object was so far away that the simulation ended early.
+    """
+
+    def __init__(self, task: Task, engine: Engine, law: ContactLaw, schedule: Schedule):
+        self.task, self.engine, self.law, self.schedule = task, engine, law, schedule
+        self.course, disturbance = _Course(task, schedule), schedule.disturbance
+        self.pose = np.array(task.body.shape_pose)
+        self.pose[:3, 3] += disturbance.object_offset
+        self.pose[:3, :3] = pin.exp3(np.array(disturbance.object_turn)) @ self.pose[:3, :3]
+        self.fixture = _Fixture(task, self.pose, disturbance.mass_factor, schedule.letting_go)
+        self.table: Table | None = None
+        if schedule.support == "table":
+            mass, mu = disturbance.mass_factor * task.body.mass, float(task.mu.mean())
+            self.table = Table(task.body, self.pose, task.gravity_o, mass, mu, schedule.time_step)
+        self.moved = disturbance.accelerates
+        self.samples: list[Sample] = []
+        self.complete, self.gone = 0, False
+        self.joint_work = self.load_work = 0.0
+
+    def run(self) -> None:
+        """From t = 0 to the end of the hold, or until the object is gone."""
+        engine, steps = self.engine, self.course.steps
+        start = self.schedule.disturbance.start_error
+        error = np.zeros(self.task.hand.n) if start is None else array_of("start error", start, (self.task.hand.n,))
+        engine.place(self.course.q[0] + error, self.course.dq[0], self.pose)
+        pending: Sample | None = None
+        kinetic = start_energy = 0.0
+        for i in range(steps + 2):  # the last one completes the sample before it
+            self._settle(i)
+            touches = self.law.counted(engine.touches())
+            # Velocities are half a step behind positions: energies take the mean of two.
+            before, kinetic = kinetic, engine.kinetic_energy()
+            if i == 0:
+                start_energy = engine.potential_energy() + kinetic
+            if pending is not None:
+                self.samples.append(pending.with_kinetic(0.5 * (before + kinetic) - start_energy))
+                # By the pose of the sample, not the present one: the verdict is read from the samples.
+                self.gone = self._is_gone(pending)
+                if i > steps or self.gone:
+                    return
+            pending = self._step(i, touches)
+
+    def _is_gone(self, sample: Sample) -> bool:
+        """Whether the object is far from where it is to stay."""
+        q, poses = np.array([self.course.q[0], sample.q]), np.array([self.pose, sample.object_pose])
+        there = self.task.as_carried(q, poses)[1, :3, 3]
+        return bool(np.linalg.norm(there - self.pose[:3, 3]) > GONE)
+
+    def _is_fixed(self, i: int) -> bool:
+        """Whether the object is fixed at a step."""
+        return not self.schedule.release or i < self.course.free
+
+    def _settle(self, i: int) -> None:
+        """Before a step: place hand and object where they are fixed, and shake the hand."""
+        course, engine, prescribed = self.course, self.engine, self.schedule.prescribed
+        still = self._is_fixed(i) or i == course.free  # it is let go from rest
+        now = course.at(i)
+        if still or prescribed:
+            q, dq = (course.q[now], course.dq[now]) if prescribed else (engine.q, engine.dq)
+            engine.place(q, dq, self.pose if still else None)
+        if self.moved and self.schedule.release and i >= course.let_go:
+            since = self.schedule.time_step * i - self.task.final_time
+            engine.set_gravity(self.task.gravity_o - self.schedule.disturbance.acceleration(since))
+
+    def _step(self, i: int, touches: Touches) -> Sample | None:
+        """One step; returns a sample of the state before it where one is due, without its kinetic energy."""
+        engine, course, law, dt = self.engine, self.course, self.law, self.schedule.time_step
+        potential = engine.potential_energy()
+        pose = engine.object_pose
+        pressing = law.press(touches, dt, pose)
+        speeds, object_speed = engine.dq, engine.object_twist
+        wrench, fixed, now = self._wrench(i, touches, pressing), self._is_fixed(i), course.at(i)
+        due = i % self.schedule.every == 0 or i in (course.steps, course.let_go)
+        if i == course.let_go:
+            self.complete = len(self.samples)
+        q = engine.q if due else speeds
+        if self.schedule.prescribed:
+            engine.step_prescribed(course.ddq[now], touches, pressing, wrench)
+            after = course.dq[course.at(i + 1)]
+        else:
+            engine.step(course.q[now], course.dq[now], course.torques[now], touches, pressing, wrench)
+            after = engine.dq
+        object_after = engine.object_twist
+        if not np.abs(after).max(initial=0.0) < _FASTEST or not np.isfinite(object_after).all():
+            raise SimulationDiverged(dt * i, dt)
+        self._account(dt, speeds, wrench, object_speed, fixed)
+        sample = None
+        if due:
+            energies = Energies(
+                joint_work=self.joint_work,
+                load_work=self.load_work,
+                mechanical=potential,
+                elastic=law.elastic,
+                damped=law.damped,
+                slipped=law.slipped,
+                normal_work=law.normal_work,
+            )
+            sample = Sample(
+                time=dt * i,
+                q=q,
+                dq=speeds,
+                torques=engine.torques,
+                object_pose=pose,
+                slips=law.slip.copy(),
+                energies=energies,
+                **by_part(touches, pressing, engine.parts)._asdict(),
+            )
+        self._account(dt, after, wrench, object_after, fixed)
+        return sample
+
+    def _wrench(self, i: int, touches: Touches, pressing: Pressing) -> Array:
+        """Load, disturbances and support on the object (6,) [N, N m]; zero while it is fixed."""
+        if self._is_fixed(i):
+            return np.zeros(6)
+        since = self.schedule.time_step * i - self.task.final_time
+        disturbed = self.schedule.disturbance.wrench(since - self.schedule.letting_go)
+        return self.task.load + disturbed + self._support(since, touches, pressing)
+
+    def _support(self, since: float, touches: Touches, pressing: Pressing) -> Array:
+        """On the object (6,) [N, N m], at a time after t_F [s]."""
+        schedule, engine = self.schedule, self.engine
+        if schedule.support == "none" or since >= schedule.letting_go:
+            return np.zeros(6)
+        if self.table is None:
+            return self.fixture.wrench(since, engine, touches, pressing)
+        share = 1.0 - max(0.0, since) / max(schedule.letting_go, schedule.time_step)
+        return share * self.table.wrench(engine.object_pose, engine.object_twist)
+
+    def _account(self, dt: float, speeds: Array, wrench: Array, object_speed: Array, fixed: bool) -> None:
+        """Add half a step's work of motors, less the joints' dry friction, and of the load."""
+        self.joint_work += 0.5 * dt * float((self.engine.torques + self.engine.friction) @ speeds)
+        self.load_work += 0.0 if fixed else 0.5 * dt * float(wrench @ object_speed)

@@ -1,0 +1,131 @@
+"""The verdict, held or lost, from the samples of a simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinograsp.plan import Verdict
+from pinograsp.simulation.sample import History
+from pinograsp.simulation.settings import Support
+from pinograsp.simulation.task import Task
+from pinograsp.spatial import Array, BoolArray
+
+# The object counts as held if it has moved less than this since the release and has come to rest.
+MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
+RESTING = 5e-4  # [m] of motion in the last fifth of the hold, of shaken hands whole periods apart
+GONE = 0.05  # [m] an object that has moved this far is lost
+SLIPPED = 1e-4  # [m]
+_BEYOND = 1e-3  # [rad or m] past a joint's limit
+AT_LIMIT = 1e-6  # relative distance to a torque limit
+
+
+def verdict_of(
+    task: Task,
+    history: History,
+    depths: Array,
+    settled: Array,
+    release: float | None,
+    *,
+    gone: bool,
+    shaken: float | None,
+    support: Support = "fixed",
+    audited: bool = True,
+) -> Verdict:
+    """The verdict on a task.
+
+    Args:
+        task: what was simulated.
+        history: the samples.
+        depths: planned penetration of the history's parts (p,) [m].
+        settled: their normal forces (p,) [N] once the object is let go, as the plan foresees them.
+        release: when the object was let go [s]; None: never.
+        gone: whether the object was so far away that the simulation ended early.
+        support: of the object until it was let go.
+        shaken: period of the hand's shaking [s]; None: not shaken.
+        audited: whether the energy balance can be checked: of a shaken hand it cannot.
+    """
+    times, poses, complete, parts = history.times, history.object_poses, history.complete, history.parts
+    normal, planned = history.normal_forces, history.planned_forces
+    start, end = poses[0 if support == "none" else complete], poses[-1]
+    drift = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
+    turned = end[:3, :3] @ start[:3, :3].T
+    turn = float(np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1))))
+    gravity = np.linalg.norm(task.gravity_o)
+    up = -task.gravity_o / gravity if gravity > 0 else np.array([0.0, 0.0, 1.0])
+    tilt = float(np.degrees(np.arccos(np.clip(up @ turned @ up, -1, 1))))
+    held, reason = _held(times, poses, normal, drift, turn, release, task.way, gone, shaken)
+    moved = float(np.linalg.norm(poses[complete, :3, 3] - poses[0, :3, 3]))
+    if support == "table" and moved > SLIPPED:
+        reason += f"; the hand had moved it by {1e3 * moved:.2f} mm until the grasp was complete"
+
+    # Averages over the last tenth of the hold remove small oscillations.
+    holding = times.size - int(np.searchsorted(times, times[complete] + task.way))
+    last = slice(min(times.size - 1, times.size - max(1, holding // 10)), None)
+    should = planned > 0
+    # Errors of small forces are relative to a twentieth of the largest force.
+    size = np.maximum(planned, 0.05 * planned.max(initial=0.0))[should]
+    errors, foreseen = (np.abs(normal[last].mean(axis=0) - one)[should] / size for one in (planned, settled))
+    labels = [name for name, wanted in zip(parts, should) if wanted]
+    missed = np.abs(history.depths[last].mean(axis=0) - depths)[should]
+    slipped = history.slips[-1] - history.slips[complete] > SLIPPED
+    hand, q = task.hand, history.q
+    low, high = hand.travel
+    beyond: BoolArray = np.any((q < low - _BEYOND) | (q > high + _BEYOND), axis=0)
+    at_limit: BoolArray = np.abs(history.torques[last]).max(axis=0) >= task.torque_limit * (1 - AT_LIMIT)
+    touched: BoolArray = np.any(normal > 0, axis=0)
+    return Verdict(
+        held=held,
+        reason=reason,
+        drift=drift,
+        tilt=tilt,
+        turn=turn,
+        force_error=float(errors.max(initial=0.0)),
+        force_errors=dict(zip(labels, errors.tolist())),
+        settled_error=None if release is None else float(foreseen.max(initial=0.0)),
+        penetration_error=float(missed.max(initial=0.0)),
+        slipped=tuple(name for name, yes in zip(parts, slipped) if yes),
+        unplanned=tuple(name for name, wanted, found in zip(parts, should, touched) if found and not wanted),
+        limit_hits=tuple(name for name, yes in zip(hand.joint_names, beyond) if yes),
+        saturated=tuple(name for name, yes in zip(hand.joint_names, at_limit) if yes),
+        energy_error=_energy_error(history.energies) if audited and shaken is None else None,
+    )
+
+
+def _held(
+    times: Array,
+    poses: Array,
+    normal: Array,
+    drift: float,
+    turn: float,
+    release: float | None,
+    way: float,
+    gone: bool,
+    shaken: float | None,
+) -> tuple[bool, str]:
+    if release is None:
+        return True, "the object was never let go"
+    since = times[-1] - release
+    if gone or not drift <= GONE:
+        return False, f"the object was {1e3 * drift:.0f} mm away {since:.2f} s after it was let go"
+    if not (drift <= MOVED and turn <= TURNED):
+        return False, f"the object moved {1e3 * drift:.2f} mm and turned {turn:.1f} deg within {since:.2f} s"
+    # A compliant grasp sways with a shaken hand: it creeps where it is elsewhere whole periods later.
+    last = 0.2 * max(since - way, 0.0)
+    if in_phase := shaken is not None and shaken <= since:
+        last = shaken * min(np.ceil(last / shaken), since // shaken)
+    resting = poses[times >= times[-1] - last - 1e-9]
+    resting = resting[[0, -1]] if in_phase else resting
+    still = float(np.linalg.norm(resting[:, :3, 3] - resting[-1, :3, 3], axis=1).max())
+    if not still <= RESTING:
+        return False, f"the object still creeps: {1e3 * still:.2f} mm in the last {last:.2f} s"
+    if not normal[-1].any():
+        return False, f"nothing touched the object {since:.2f} s after it was let go"
+    return True, f"{1e3 * drift:.3f} mm and {turn:.2f} deg after {since:.2f} s"
+
+
+def _energy_error(energies: dict[str, Array]) -> float:
+    """Largest difference between the energy put in and that stored or lost, relative to the largest of all energies."""
+    put_in = energies["joint_work"] + energies["load_work"]
+    kept = np.sum([energies[name] for name in ("mechanical", "elastic", "damped", "slipped")], axis=0)
+    largest = float(np.abs(np.array(list(energies.values()))).max())
+    return float(np.abs(put_in - kept).max() / max(largest, 1e-12))
