@@ -18,7 +18,7 @@ from pinograsp.spatial import Array
 class PinocchioEngine:
     """Hand and object, stepped in time. Vectors of joints are in the order of the hand's q; world axes.
 
-    As in :class:`~pinograsp.simulation.mujoco_engine.MujocoEngine`, a step updates the velocities first and integrates the
+    As in :class:`~pinograsp.simulation.mujoco_engine.MujocoEngine`, a step updates the velocities and integrates the
     positions with the new velocities. The servos' damping acts at the end of the step (implicitly), except for motors
     at their limits and in hands with coupled joints.
 
