@@ -1,4 +1,4 @@
-"""Hand, motors and object as a MuJoCo model, without MuJoCo's own contact forces: see :mod:`pinograsp.simulation.law`."""
+"""Hand, motors and object as a MuJoCo model, without MuJoCo's contact forces: see :mod:`pinograsp.simulation.law`."""
 
 from __future__ import annotations
 
