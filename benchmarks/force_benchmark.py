@@ -71,7 +71,7 @@ import pinograsp as pg
 from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.contacts import Contact, ContactSet
 from pinograsp.errors import InvalidInput, PinograspError, Status
-from pinograsp.forces import register_solver
+from pinograsp.forces import register_solver, to_qp, to_socp
 from pinograsp.forces.registry import asked
 from pinograsp.forces.solvers import TOLERANCES, solve_by_qpsolvers, stated
 from pinograsp.spatial import tangent_frame
@@ -293,7 +293,7 @@ class ByQpsolvers:
     def ready(self, task: Task):
         if task.kind != "qp":
             raise InvalidInput("no QP")
-        qp = task.problem.to_qp(T_I, objective=task.objective)
+        qp = to_qp(task.problem, T_I, objective=task.objective)
         return qp, stated(self.name, qp)
 
     def solve(self, ready):
@@ -391,7 +391,7 @@ class Registered:
             return over_cones(task)
         if task.kind != "qp":
             raise InvalidInput("no QP")
-        return task.problem.to_qp(T_I, objective=task.objective)
+        return to_qp(task.problem, T_I, objective=task.objective)
 
     def solve(self, program):
         return asked(self.name, program)
@@ -405,12 +405,12 @@ class Registered:
 
 
 def over_cones(task: Task):
-    return task.problem.to_socp(T_I, objective=task.objective)
+    return to_socp(task.problem, T_I, objective=task.objective)
 
 
 def scaled(task: Task):
     """The program that judges: a quadratic one where there is one."""
-    return task.problem.to_qp(T_I, objective=task.objective) if task.kind == "qp" else over_cones(task)
+    return to_qp(task.problem, T_I, objective=task.objective) if task.kind == "qp" else over_cones(task)
 
 
 def solvers_for(kind: str, own: list[tuple[str, str]]) -> dict[tuple[str, str], object]:

@@ -85,7 +85,7 @@ CALLS = {
     "online": lambda w: pg.OnlineForces(w["problem"]).step(w["problem"].load),
     "for other solvers": lambda w: [
         form.solution(np.ones(len(form.q)))
-        for form in (w["paper"].to_qp(T_I, objective="peak"), w["problem"].to_socp(T_I))
+        for form in (forces.to_qp(w["paper"], T_I, objective="peak"), forces.to_socp(w["problem"], T_I))
     ],
     "derived values": lambda w: (
         w["solution"].profile,

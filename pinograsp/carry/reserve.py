@@ -114,7 +114,7 @@ def with_reserve(
     if torques_matter(hand, most):
         depth = grasp.forces.final_depths
         torques = torque_limits(hand, contacts, q, depth=depth, limit=most, gravity_o=held.gravity_o)
-        torques = replace(torques, reserve=reserve)
+        torques = replace(torques, headroom=reserve)
     problem = replace(
         held,
         mu=mu * held.mu,

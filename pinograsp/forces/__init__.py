@@ -1,12 +1,12 @@
 """Contact forces: the problem, grid searches, the multiplier QP, certified convex optima, margins, robust sets."""
 
-import pinograsp.forces.written  # noqa: F401  # fills ForceProblem.to_qp and to_socp
 from pinograsp.forces.backends import BACKENDS, BackendName, available_backends, register_solver
 from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
 from pinograsp.forces.better_contacts import BetterContacts, optimize_contacts
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, Tolerance
 from pinograsp.forces.conditions import GraspConditions, TorqueLimit
 from pinograsp.forces.diagnosis import Diagnosis, diagnose
+from pinograsp.forces.export import to_qp, to_socp
 from pinograsp.forces.global_optimum import optimize_grasp
 from pinograsp.forces.grid import GridSpec, grid_values
 from pinograsp.forces.load_set import LoadSet
@@ -20,8 +20,8 @@ from pinograsp.forces.margins import (
     min_weight,
 )
 from pinograsp.forces.multipliers import MultiplierQP, MultiplierSolution, refine_multipliers
-from pinograsp.forces.optimize import optimize_forces, warm_up
-from pinograsp.forces.problem import ForceProblem, TorqueLimits, Underactuation
+from pinograsp.forces.optimize import optimize_forces
+from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import OBJECTIVES, Objective, ObjectiveName
 from pinograsp.forces.registry import unregister_solver
 from pinograsp.forces.reliability import Reliability, holding_probability
@@ -37,6 +37,7 @@ from pinograsp.forces.robust import optimize_robust
 from pinograsp.forces.robust_forces import Reaction, RobustForces, StiffnessScenario
 from pinograsp.forces.search import SEARCHES, GridMethod, GridSearch, grid_search
 from pinograsp.forces.sensitivity import Sensitivity, force_sensitivity
+from pinograsp.forces.settings import ForceSettings
 from pinograsp.forces.solution import (
     Branch,
     ConvexSolution,
@@ -56,6 +57,7 @@ from pinograsp.forces.standard_form import (
     QuadraticProgram,
     SolverAnswer,
 )
+from pinograsp.forces.torque_limits import TorqueLimits, Underactuation
 
 __all__ = [
     "BACKENDS",
@@ -78,6 +80,7 @@ __all__ = [
     "ForceProblem",
     "ForceQP",
     "ForceSOCP",
+    "ForceSettings",
     "ForceSolution",
     "ForceSolver",
     "GlobalSolution",
@@ -131,6 +134,7 @@ __all__ = [
     "reserve_along",
     "search_reserve",
     "solve_batch",
+    "to_qp",
+    "to_socp",
     "unregister_solver",
-    "warm_up",
 ]

@@ -328,8 +328,8 @@ def min_weight(contacts: ContactSet, mu: ArrayLike, *, edges: int = 8, balance: 
 def _unsafed(problem: ForceProblem) -> ForceProblem:
     """The problem at full mu and full torque limits, whatever the drives can choose under a disturbance."""
     friction, torques = problem.friction, problem.torques
-    if torques is not None and (torques.reserve or torques.underactuation):
-        torques = replace(torques, reserve=0.0, underactuation=None)
+    if torques is not None and (torques.headroom or torques.underactuation):
+        torques = replace(torques, headroom=0.0, underactuation=None)
     if friction.safety == 1.0 and torques is problem.torques:
         return problem
     return replace(problem, friction=replace(friction, safety=1.0), torques=torques)

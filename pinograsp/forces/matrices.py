@@ -13,7 +13,8 @@ import numpy as np
 
 from pinograsp.checks import brief
 from pinograsp.contacts import Friction
-from pinograsp.forces.problem import ForceProblem, TorqueLimits
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.torque_limits import TorqueLimits
 from pinograsp.spatial import Array
 
 _SAME = 1e-12  # relative difference of weights that count as equal

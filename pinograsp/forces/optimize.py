@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Hashable, Mapping
 from dataclasses import replace
 from time import perf_counter
-from typing import TypeAlias
 
 from pinograsp.checks import instance_of
 from pinograsp.forces.backends import BackendName
-from pinograsp.forces.compiled import Prepared
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective
 from pinograsp.forces.solution import ConvexSolution
 from pinograsp.forces.solver import ForceSolver, certified
 
 _MOST = 4  # impact times, objectives and backends for which a problem's preparations are kept
-_Kept: TypeAlias = dict[Hashable, tuple[Prepared, dict[str, float], float]]
-_KEPT: dict[int, _Kept] = {}  # by what problems that differ in their loads alone share
 
 
 def optimize_forces(
@@ -60,7 +55,7 @@ def optimize_forces(
     """
     started = perf_counter()
     instance_of("problem", problem, ForceProblem)
-    key, kept = _key_of(impact_time, objective, backend), _kept_with(problem)
+    key, kept = _key_of(impact_time, objective, backend), problem.preparations
     if key in kept:
         prepared, weights, at = kept[key]
         found = certified(prepared, problem, weights, at, started)
@@ -74,16 +69,6 @@ def optimize_forces(
     return replace(solver.solve(), elapsed=perf_counter() - started)
 
 
-def _kept_with(problem: ForceProblem) -> _Kept:
-    """What is kept as long as this problem, or one that differs in its load, is there."""
-    shared = problem.scaled_columns
-    found = _KEPT.get(id(shared))
-    if found is None:
-        found = _KEPT[id(shared)] = {}
-        weakref.finalize(shared, _KEPT.pop, id(shared), None).atexit = False
-    return found
-
-
 def _key_of(impact_time: float, objective: object, backend: str) -> Hashable:
     """Under which a problem keeps what was prepared; None for what cannot be looked up, and is refused elsewhere."""
     if isinstance(objective, Mapping):
@@ -93,7 +78,3 @@ def _key_of(impact_time: float, objective: object, backend: str) -> Hashable:
     except TypeError:
         return None
     return impact_time, objective, backend
-
-
-def warm_up() -> None:
-    """Nothing: the core is compiled when it is installed. It stays for one release, for programs that still call it."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,37 +15,31 @@ from pinograsp.checks import (
     brief,
     each_of,
     finite_of,
-    floats_of,
     frozen,
     instance_of,
     integer,
-    items_of,
     number,
     one_of,
     read_only,
     rebuilt,
     record_of,
-    share_of,
     shown,
 )
 from pinograsp.contacts import (
-    Compliance,
     ContactSet,
-    DecelerationShape,
     Friction,
     energy_terms,
     impulse_energy,
     work_energy,
 )
 from pinograsp.contacts.compliance import MEASURES, Measure
-from pinograsp.contacts.deceleration import bounds_of
 from pinograsp.contacts.friction import LARGEST_MU, default_friction
-from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput
-from pinograsp.forces.standard_form import StandardForms
+from pinograsp.forces.settings import ForceOptions, ForceSettings
+from pinograsp.forces.torque_limits import TorqueLimits
 from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
-from pinograsp.spatial import Array, BoolArray
+from pinograsp.spatial import Array
 from pinograsp.words import by_name, lines_of
 
 if TYPE_CHECKING:
@@ -59,113 +54,6 @@ BY_CAP = "largest normal force of the contact"
 
 # Larger values come from a mistake of units; solvers would lose all digits to rounding.
 _STRONG, _DEAR = 1e12, 1e100  # [N], energy per newton
-_ENDLESS = 1e300  # [N m] of a torque limit: more overflows when it is scaled
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Underactuation:
-    """What fewer drives than joints cannot choose: rows @ (bias + J^T f) = torques, f being the forces on the object.
-
-    The planned forces keep to these equations, the forces under disturbances need not: friction in the joints, and
-    their motion, bear what is left of them.
-
-    Attributes:
-        rows: combinations (p, n) of the joint torques that no drive makes, of unit length.
-        torques: what springs make of them (p,) [N m].
-        why: per row, the drive that is in the way (p,).
-        friction: share of the contacts' torques that friction in joints and tendons bears [-]: each side may be off by
-            so much of the sum over contacts of F_n times its largest arm on the row.
-    """
-
-    rows: Array
-    torques: Array
-    why: tuple[str, ...]
-    friction: float = 0.0
-
-    __repr__ = brief()
-
-    def __post_init__(self) -> None:
-        rows = array_of("rows of an underactuation", self.rows, (None, None))
-        object.__setattr__(self, "rows", rows)
-        object.__setattr__(self, "torques", array_of("torques of an underactuation", self.torques, (len(rows),)))
-        object.__setattr__(self, "friction", share_of("friction of an underactuation", self.friction))
-        why = items_of("why of an underactuation", self.why, str)
-        if len(why) != len(rows):
-            raise InvalidInput(f"why of an underactuation: expected one text per row, {len(rows)}, got {len(why)}")
-        object.__setattr__(self, "why", why)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TorqueLimits:
-    """Limits of the joint torques: |bias + J^T f| <= (1 - reserve) limit, f being the forces on the object.
-
-    Attributes:
-        jacobian: of each contact point (k, 6, n), linear velocity first, world axes (``LOCAL_WORLD_ALIGNED``).
-        bias: torque without contact at that posture (n,) [N m], usually that of gravity.
-        limit: largest |torque| (n,) [N m]; infinity: no limit.
-        joints: names (n,).
-        reserve: share of each limit that is kept free [-]: forces use |torque| <= (1 - reserve) limit.
-        underactuation: what the drives cannot choose of these torques; None: nothing.
-    """
-
-    jacobian: Array
-    bias: Array
-    limit: Array
-    joints: tuple[str, ...] = ()
-    reserve: float = 0.0
-    underactuation: Underactuation | None = None
-
-    __repr__ = brief()
-
-    def __post_init__(self) -> None:
-        jacobian = array_of("contact Jacobians", self.jacobian, (None, 6, None))
-        n = jacobian.shape[2]
-        limit = floats_of("torque limits", self.limit, f"{n} numbers [N m]")
-        if limit.shape != (n,) or not np.all((limit > 0) & ((limit <= _ENDLESS) | (limit == np.inf))):
-            raise InvalidInput(
-                f"torque limits: expected {n} values > 0, up to {_ENDLESS:g} [N m] or infinity where a joint has none, "
-                f"got {shown(limit.tolist())}; a hand description without effort limits needs limit=..."
-            )
-        joints = items_of("joints of the torque limits", self.joints, str)
-        if joints and len(joints) != n:
-            raise InvalidInput(f"torque limits: expected {n} joint names, got {len(joints)}")
-        bias = array_of("bias torques", self.bias, (n,))
-        for name, unit, values in (("contact Jacobians", "m", jacobian), ("bias torques", "N m", bias)):
-            if np.abs(values).max(initial=0.0) > _STRONG:
-                raise InvalidInput(f"{name}: expected sizes up to {_STRONG:g} [{unit}], got {np.abs(values).max():g}")
-        object.__setattr__(self, "jacobian", jacobian)
-        object.__setattr__(self, "bias", bias)
-        object.__setattr__(self, "limit", read_only(limit))
-        object.__setattr__(self, "joints", joints or tuple(f"joint {j + 1}" for j in range(n)))
-        object.__setattr__(self, "reserve", share_of("reserve of the torque limits", self.reserve))
-        instance_of("underactuation", self.underactuation, Underactuation, type(None))
-        if self.underactuation is not None and self.underactuation.rows.shape[1] != n:
-            raise InvalidInput(f"underactuation: expected {n} torques, got {self.underactuation.rows.shape[1]}")
-
-    @property
-    def usable(self) -> Array:
-        """Largest |torque| that forces may use (n,) [N m], which leaves the reserve of the limits free."""
-        usable: Array = (1.0 - self.reserve) * self.limit
-        return usable
-
-    @property
-    def limited(self) -> BoolArray:
-        """Which joints have a limit (n,) bool."""
-        finite: BoolArray = np.isfinite(self.limit)
-        return finite
-
-    @property
-    def limited_joints(self) -> tuple[str, ...]:
-        """Names of the joints that have a limit, in the order of a program's torque rows."""
-        return tuple(joint for joint, finite in zip(self.joints, self.limited) if finite)
-
-    def torques(self, forces_o: ArrayLike, moments_o: ArrayLike | None = None) -> Array:
-        """Joint torques (n,) [N m] under forces on the object (k, 3) [N] and moments (k, 3) [N m], world axes."""
-        shape = (len(self.jacobian), 3)
-        tau: Array = self.bias + np.einsum("kxn,kx->n", self.jacobian[:, :3], array_of("forces", forces_o, shape))
-        if moments_o is not None:
-            tau += np.einsum("kxn,kx->n", self.jacobian[:, 3:], array_of("moments", moments_o, shape))
-        return tau
 
 
 class NormalForceLimits(NamedTuple):
@@ -182,51 +70,25 @@ class NormalForceLimits(NamedTuple):
     reason: str
 
 
-class ProblemSettings(TypedDict, total=False):
+class ProblemOptions(ForceOptions, total=False):
     """The optional arguments of :class:`ForceProblem` that describe neither contacts nor object."""
 
-    compliance: Compliance
-    balance: Balance
-    measure: Measure
-    final_time: float
-    impact_time_range: tuple[float, float]
-    acceleration_range: tuple[float, float]
-    max_speed: float
-    max_depth: float
-    moment_length: float | None
-    friction: Friction | None
     min_normal_force: ArrayLike | None
     max_normal_force: ArrayLike | None
     torques: TorqueLimits | None
-    shape: DecelerationShape
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: with_load copies all attributes at once
-class ForceProblem(StandardForms):
+class ForceProblem(ForceSettings):
     """k contacts, a load, friction, and the constraints of Eqs. (13)-(16).
 
     Attributes:
         contacts: the contact points and frames.
         load: external wrench on the object (6,), linear first, about the centre of mass, world axes [N, N m].
         mu: friction coefficient of each contact (k,) [-]; a number applies to all.
-        compliance: the contact law.
-        balance: ``"wrench"`` (forces and moments, the default) or ``"force"`` (forces only, the paper's Eq. 15).
-        measure: grasp energy that is minimised, ``"impulse"`` [N s] (Eq. 11) or ``"work"`` [J] (Eq. 9).
-        final_time: t_F [s].
-        impact_time_range: admissible t_I [s] (Eq. 14).
-        acceleration_range: admissible A [m/s^2] (Eq. 13c).
-        max_speed: bound on A tau [m/s] (Eq. 13b).
-        max_depth: bound on delta_F [m] (Eq. 13a).
-        moment_length: moments are divided by this length so that they compare with forces [m]; default (None): the
-            mean distance of the contacts from the centre of mass.
-        gravity_o: gravity (3,) [m/s^2]; it acts on the hand too, when joint torques are computed.
-        friction: the friction model with its safety factor; default (None): cones, and soft fingers (5 mm of torsion)
-            where no more than two fingers touch, which would hold nothing against turning about their line otherwise.
-            The grids need the paper's pyramid, ``Friction()``.
         min_normal_force: least F_n (k,) [N] besides the limits of the penetration; a number applies to all.
         max_normal_force: caps on F_n (k,) [N] besides the limits of the penetration; a number applies to all.
         torques: limits of the joint torques, or None.
-        shape: of the deceleration over the grasp phase; constant by default, as in the paper.
         object: the held shape (of :mod:`pinograsp.objects`), where it is known; the depth of links is measured from its
             surface.
         scaled_columns: grasp map with moments divided by ``moment_length``: (rows, k, 3), columns per contact x, y, z
@@ -236,25 +98,15 @@ class ForceProblem(StandardForms):
     contacts: ContactSet
     load: Array
     mu: Array
-    compliance: Compliance = field(default_factory=Compliance)
-    balance: Balance = "wrench"
-    measure: Measure = "impulse"
-    final_time: float = defaults.FINAL_TIME
-    impact_time_range: tuple[float, float] = defaults.IMPACT_TIMES
-    acceleration_range: tuple[float, float] = defaults.ACCELERATIONS
-    max_speed: float = defaults.MAX_SPEED
-    max_depth: float = defaults.MAX_DEPTH
-    moment_length: float = None  # type: ignore[assignment]  # None becomes a length in __post_init__
-    gravity_o: Array = defaults.GRAVITY  # type: ignore[assignment]  # becomes an array in __post_init__
-    friction: Friction = None  # type: ignore[assignment]  # None becomes a model in __post_init__
     min_normal_force: Array | None = None
     max_normal_force: Array | None = None
     torques: TorqueLimits | None = None
-    shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
     object: Body | None = None
     scaled_columns: Array = field(init=False, repr=False)
 
-    if TYPE_CHECKING:  # arguments may be numbers and lists, attributes are arrays
+    if TYPE_CHECKING:  # what was None is known here; arguments may be numbers and lists, attributes are arrays
+        friction: Friction
+        moment_length: float
 
         def __init__(
             self,
@@ -262,9 +114,8 @@ class ForceProblem(StandardForms):
             contacts: ContactSet,
             load: ArrayLike,
             mu: ArrayLike,
-            gravity_o: ArrayLike = ...,
             object: Body | None = ...,
-            **settings: Unpack[ProblemSettings],
+            **settings: Unpack[ProblemOptions],
         ) -> None: ...
 
     __repr__ = brief("contacts", "balance", "measure", "mu", "friction", "load", "final_time", "object")
@@ -285,26 +136,18 @@ class ForceProblem(StandardForms):
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
+        super().__post_init__()
         k = len(instance_of("contacts", self.contacts, ContactSet))
         put("load", _load(self.load))
-        put("gravity_o", array_of("gravity", self.gravity_o, (3,)))
         mu = each_of("mu", self.mu, k)
         if np.any((mu < 0) | (mu > LARGEST_MU)):
             raise InvalidInput(
                 f"mu: expected friction coefficients >= 0, up to {LARGEST_MU:g}, got {shown(mu.tolist())}"
             )
         put("mu", mu)
-        one_of("balance", self.balance, BALANCES)
-        one_of("measure", self.measure, MEASURES)
-        bounds = (self.final_time, self.impact_time_range, self.acceleration_range, self.max_speed, self.max_depth)
-        for name, value in bounds_of(*bounds).items():
-            put(name, value)
-        instance_of("compliance", self.compliance, Compliance)
         if self.friction is None:
             put("friction", default_friction(contact.finger for contact in self.contacts))
-        instance_of("friction", self.friction, Friction)
         instance_of("torques", self.torques, TorqueLimits, type(None))
-        instance_of("shape", self.shape, DecelerationShape)
         instance_of("object", self.object, Body, type(None))
         if self.min_normal_force is not None:
             floor = each_of("least normal forces", self.min_normal_force, k)
@@ -329,6 +172,7 @@ class ForceProblem(StandardForms):
         G = np.array(self.contacts.G)
         G[3:] /= self.moment_length
         put("scaled_columns", read_only(G[: self.rows].reshape(self.rows, k, 3)))
+        put("_preparations", {})
 
     def __reduce__(self) -> tuple[Any, ...]:
         return rebuilt(self)
@@ -340,32 +184,37 @@ class ForceProblem(StandardForms):
         contacts: ContactSet,
         *,
         mu: ArrayLike,
-        gravity_o: ArrayLike = defaults.GRAVITY,
-        **settings: Unpack[ProblemSettings],
+        **settings: Unpack[ProblemOptions],
     ) -> ForceProblem:
-        """The problem of holding ``object`` against gravity (3,) [m/s^2].
-
-        ``settings`` are optional attributes of the class: compliance, balance, measure, final_time, impact_time_range,
-        acceleration_range, max_speed, max_depth, moment_length, friction, min_normal_force, max_normal_force,
-        torques, shape.
+        """The problem of holding ``object`` against ``gravity_o`` (3,) [m/s^2]; ``settings``: other attributes.
 
         Raises:
             InvalidInput: a value that cannot be used.
             TypeError: an argument that the class does not have.
         """
-        if unknown := [name for name in settings if name not in ProblemSettings.__annotations__]:
+        known = ProblemOptions.__annotations__
+        if unknown := [name for name in settings if name not in known]:
             raise TypeError(
-                f"ForceProblem.holding() got an unexpected keyword argument '{unknown[0]}'; besides mu and gravity_o "
-                f"it takes {', '.join(ProblemSettings.__annotations__)}"
+                f"ForceProblem.holding() got an unexpected keyword argument '{unknown[0]}'; besides mu it takes "
+                f"{', '.join(known)}"
             )
+        gravity = array_of("gravity", settings.get("gravity_o", defaults.GRAVITY), (3,))
         with np.errstate(over="ignore"):  # an infinite load is refused
-            weight = instance_of("object", object, Body).mass * array_of("gravity", gravity_o, (3,))
+            weight = instance_of("object", object, Body).mass * gravity
         load = np.concatenate([weight, np.zeros(3)])
-        return cls(contacts=contacts, load=load, mu=mu, gravity_o=gravity_o, object=object, **settings)
+        return cls(contacts=contacts, load=load, mu=mu, object=object, **settings)
 
     def with_load(self, load: ArrayLike) -> ForceProblem:
         """The same problem under another load (6,) [N, N m]: for loops where nothing else changes."""
         return record_of(ForceProblem, self.__dict__ | {"load": _load(load)})
+
+    @property
+    def preparations(self) -> dict[Hashable, Any]:
+        """What :func:`~pinograsp.forces.optimize_forces` has prepared that does not depend on the load; problems that
+        :meth:`with_load` gives share it.
+        """
+        preparations: dict[Hashable, Any] = self.__dict__["_preparations"]
+        return preparations
 
     @property
     def k(self) -> int:

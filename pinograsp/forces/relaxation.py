@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from pinograsp.forces.reserve import Reserve, least_squeeze, widest_range
 from pinograsp.spatial import Array
 from pinograsp.words import number
 
-LimitName = Literal[
+ForceLimit = Literal[
     "torque_limit",
     "max_normal_force",
     "max_depth",
@@ -26,17 +26,11 @@ LimitName = Literal[
     "largest_acceleration",
     "least_acceleration",
     "min_normal_force",
-    "mu",
-    "mass",
-    "disturbance",
-    "moment_arm",
-    "reserve_mass",
-    "friction",
-    "normal_force",
-    "torque",
-    "softer",
-    "stiffer",
 ]
+ReservePart = Literal[
+    "disturbance", "moment_arm", "reserve_mass", "friction", "normal_force", "torque", "softer", "stiffer"
+]
+LimitName = ForceLimit | Literal["mu", "mass"] | ReservePart
 
 # Above that of any pair of materials: a grasp that fails with it lacks something other than friction.
 LARGEST_FRICTION = 10.0
@@ -44,26 +38,10 @@ _SLIPPERY = 1e-3  # least friction coefficient
 _MOST = 1e4  # times: a limit so much wider is none
 _SHARP = 5e-3  # relative, of the figures
 _ROOM = 1.01  # times the least relaxation: postures and impact times move a little with the forces
-_LIMITS: tuple[LimitName, ...] = (
-    "torque_limit",
-    "max_normal_force",
-    "max_depth",
-    "max_speed",
-    "largest_acceleration",
-    "least_acceleration",
-    "min_normal_force",
-)
-_PARTS: dict[LimitName, str] = {
-    "disturbance": "disturbance",
-    "moment_arm": "moment_arm",
-    "reserve_mass": "mass",
-    "friction": "friction",
-    "normal_force": "normal_force",
-    "torque": "torque",
-    "softer": "softer",
-    "stiffer": "stiffer",
-}
-_KINDS: tuple[tuple[LimitName, ...], ...] = (_LIMITS, ("mu",), ("mass",), tuple(_PARTS))
+# Parts of the reserve and the names of the record's fields.
+_PARTS: dict[LimitName, str] = {part: part.removeprefix("reserve_") for part in get_args(ReservePart)}
+# Those that are relaxed together, in the order in which they are tried.
+_KINDS: tuple[tuple[LimitName, ...], ...] = (get_args(ForceLimit), ("mu",), ("mass",), get_args(ReservePart))
 _FACTORS = ("softer", "stiffer")  # of which 1 is nothing
 _SOME = 4  # joints that are named one by one
 

@@ -148,7 +148,7 @@ class Reserve:
         friction, torques, floor = problem.friction, problem.torques, problem.min_normal_force
         friction = self.kept_friction(friction)
         if self.torque and torques is not None:
-            torques = replace(torques, reserve=1.0 - (1.0 - torques.reserve) * (1.0 - self.torque))
+            torques = replace(torques, headroom=1.0 - (1.0 - torques.headroom) * (1.0 - self.torque))
         if self.normal_force:
             least = self.least_force(body.mass * float(np.linalg.norm(problem.gravity_o)))
             floor = np.maximum(least, np.zeros(problem.k) if floor is None else floor)

@@ -8,7 +8,7 @@ moment, newton metres), and the objective in its own unit is ``objective_scale``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -257,43 +257,3 @@ class ForceSOCP(ConicProgram, ScaledForces):
         z = array_of("multipliers z", z, (len(self.b),))
         at, m = self.torque_rows
         return self.judge(x, z[: self.cones.zero], z[at : at + m] - z[at + m : at + 2 * m], settle)
-
-
-WRITERS: dict[str, Callable[..., Any]] = {}  # "qp" and "socp": pinograsp.forces.written puts them here
-
-
-class StandardForms:
-    """What a force problem can be written as for other solvers; :class:`~pinograsp.forces.ForceProblem` has it."""
-
-    def to_qp(self, impact_time: float, *, objective: str | Mapping[str, float] | None = None) -> ForceQP:
-        """The force program at t_I [s] as a quadratic program: pyramids; see :class:`ForceQP`.
-
-        Caps, torque limits, underactuation and every objective of ``optimize_forces`` but a grasp energy are in it.
-        Grasp energies are sums of powers of F_n (Eqs. 9 and 11), which only with a contact law of exponent 1 are
-        quadratic. P is singular where the objective is not "least_squares": some solvers want it definite.
-
-        Args:
-            impact_time: t_I [s]; it sets the range of F_n (Eqs. 13) and the energy.
-            objective: as for :func:`~pinograsp.forces.optimize_forces`.
-
-        Raises:
-            InvalidInput: cones and soft fingers, an objective that is not quadratic, or an argument that
-                ``optimize_forces`` refuses, too.
-        """
-        qp: ForceQP = WRITERS["qp"](self, impact_time, objective)
-        return qp
-
-    def to_socp(self, impact_time: float, *, objective: str | Mapping[str, float] | None = None) -> ForceSOCP:
-        """The force program at t_I [s] over cones: all friction models, all objectives; see :class:`ForceSOCP`.
-
-        Friction cones are second-order cones, grasp energies (Eqs. 9 and 11) come as power cones.
-
-        Args:
-            impact_time: t_I [s]; it sets the range of F_n (Eqs. 13) and the energy.
-            objective: as for :func:`~pinograsp.forces.optimize_forces`.
-
-        Raises:
-            InvalidInput: as :func:`~pinograsp.forces.optimize_forces` does.
-        """
-        socp: ForceSOCP = WRITERS["socp"](self, impact_time, objective)
-        return socp

@@ -41,7 +41,7 @@ def stored_solution(hand: HandModel, plan: PlanRecord) -> ForceSolution:
     if torques_matter(hand, limit):
         q, kept = np.array(plan.motion.q[-1]), 0.0 if reserve is None else reserve.torque
         torques = torque_limits(hand, contacts, q, depth=forces.final_depths, limit=limit, gravity_o=plan.gravity_o)
-        torques = replace(torques, reserve=kept)
+        torques = replace(torques, headroom=kept)
     problem = ForceProblem(
         contacts=contacts,
         load=plan.load,

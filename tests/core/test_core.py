@@ -14,7 +14,7 @@ import reference_methods as reference
 from whole_forces import MODELS, problem_with
 
 from pinograsp import core
-from pinograsp.forces import MultiplierQP, optimize_forces
+from pinograsp.forces import MultiplierQP
 from pinograsp.forces.compiled import arrays_of
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.program import assemble, energy_terms_at
@@ -201,11 +201,3 @@ def test_headers_and_cmake_package_are_where_they_are_said_to_be():
     assert (folder / "pinograsp-core-config.cmake").is_file()
     told = (folder / "pinograsp-core-config-version.cmake").read_text()
     assert f"set(PACKAGE_VERSION {version('pinograsp')})" in told
-
-
-def test_a_first_call_is_quick_enough_to_need_no_warming_up():
-    """Nothing is compiled: ``warm_up`` is there for old programs alone."""
-    from pinograsp.forces import warm_up
-
-    assert warm_up() is None
-    assert optimize_forces(problem_with("cone", 3, 0), 0.85).backend == "newton"

@@ -205,7 +205,7 @@ def test_unusable_reserves(make_problem, contacts):
         lambda: make_problem(min_normal_force=3.0, max_normal_force=2.0),
         lambda: pg.GraspConditions(mu=0.7, reserve=0.5),
         lambda: pg.grid_search(make_problem(min_normal_force=0.1)),
-        lambda: pg.TorqueLimits(jacobian=np.zeros((3, 6, 2)), bias=np.zeros(2), limit=np.ones(2), reserve=1.0),
+        lambda: pg.TorqueLimits(jacobian=np.zeros((3, 6, 2)), bias=np.zeros(2), limit=np.ones(2), headroom=1.0),
     ):
         with pytest.raises(InvalidInput):
             bad()

@@ -129,7 +129,7 @@ def test_a_qp_solver_of_one_s_own(disc, register, function, objective):
     assert calls and (found.status, found.backend) == (Status.OK, "mine")
     assert found.certificate.objective == pytest.approx(expected.certificate.objective, rel=1e-6)
     # The same function takes what to_qp gives.
-    qp = disc.to_qp(T_I, objective="least_squares")
+    qp = forces.to_qp(disc, T_I, objective="least_squares")
     answer = function(qp)
     assert qp.solution(getattr(answer, "x", answer)).certificate.relative_gap <= 1e-6
 

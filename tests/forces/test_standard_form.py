@@ -13,7 +13,7 @@ from random_grasps import FAMILIES, objective_value, optimum, random_grasp, size
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import TOLERANCE, ForceQP, Tolerance
+from pinograsp.forces import TOLERANCE, ForceQP, Tolerance, to_qp, to_socp
 
 QUADRATIC = ("least_squares", "peak", "motor_heat", {"least_squares": 1e-2, "peak": 0.2, "motor_heat": 5.0})
 OBJECTIVES = (*QUADRATIC, "impulse", "work", {"work": 20.0, "peak": 0.1, "least_squares": 1e-3})
@@ -75,7 +75,7 @@ def assert_same_meaning(grasp, program, x, balance, missed):
 def test_the_matrices_of_a_qp_mean_what_they_say(family):
     rng = np.random.default_rng(1)
     for grasp in cases(family, QUADRATIC):
-        qp = grasp.problem.to_qp(grasp.impact_time, objective=grasp.objective)
+        qp = to_qp(grasp.problem, grasp.impact_time, objective=grasp.objective)
         x = anywhere(qp, rng)
         missed = max((qp.G @ x - qp.h).max(), (qp.lb - x).max(), (x - qp.ub).max())
         assert_same_meaning(grasp, qp, x, qp.A @ x - qp.b, missed)
@@ -85,7 +85,7 @@ def test_the_matrices_of_a_qp_mean_what_they_say(family):
 def test_the_matrices_over_cones_mean_what_they_say(family):
     rng = np.random.default_rng(2)
     for grasp in cases(family, OBJECTIVES, 7):
-        socp = grasp.problem.to_socp(grasp.impact_time, objective=grasp.objective)
+        socp = to_socp(grasp.problem, grasp.impact_time, objective=grasp.objective)
         x = anywhere(socp, rng)
         s, cones = socp.b - socp.A @ x, socp.cones
         rows = cones.zero + cones.nonnegative + sum(cones.second_order)
@@ -107,7 +107,7 @@ def test_others_reach_the_oracle_s_optimum_and_are_certified(family):
     solved = 0
     for grasp in cases(family, OBJECTIVES, 7):
         status, expected, _ = optimum(grasp)
-        socp = grasp.problem.to_socp(grasp.impact_time, objective=grasp.objective)
+        socp = to_socp(grasp.problem, grasp.impact_time, objective=grasp.objective)
         found = by_clarabel(socp)
         for solution in (socp.solution(found.x, z=found.z), socp.solution(found.x)):
             assert solution.problem is grasp.problem and solution.impact_time == grasp.impact_time
@@ -137,7 +137,7 @@ def pinch():
 @pytest.mark.parametrize("solver", sorted({*qpsolvers.available_solvers} - {"ecos", "osqp", "proxqp", "scs"}))
 def test_qpsolvers_takes_the_matrices_as_they_are(pinch, solver):
     """In newtons again, by hand: each finger of a pinch bears half the weight, at the pyramid's edge."""
-    qp = pinch.to_qp(0.9, objective="least_squares")
+    qp = to_qp(pinch, 0.9, objective="least_squares")
     found = qpsolvers.solve_problem(qpsolvers.Problem(*qp.matrices), solver=solver)
     forces = qp.forces(found.x)
     weight = 0.2 * 9.81
@@ -159,7 +159,7 @@ def test_a_column_says_what_it_means():
         max_normal_force=[10.0, 15.0],
         max_depth=5e-3,
     )
-    socp = problem.to_socp(0.9, objective={"peak": 1.0, "work": 1.0})
+    socp = to_socp(problem, 0.9, objective={"peak": 1.0, "work": 1.0})
     unit = socp.force_scale
     assert [column.component for column in socp.columns[:8]] == ["f_x", "f_y", "m_n", "f_n"] * 2
     assert [column.unit for column in socp.columns[:4]] == ["N", "N", "N m", "N"]
@@ -167,15 +167,15 @@ def test_a_column_says_what_it_means():
     assert np.allclose(scales, unit * np.array([0.25, 0.25, 1.5e-3, 1.0, 0.4]))
     assert socp.columns[8] == ("", "max f_n", "N", unit)
     assert socp.columns[9].component == "f_n^1.667" and socp.columns[9].scale == pytest.approx(unit ** (5 / 3))
-    assert len(repr(socp)) <= 300 and len(repr(problem.to_qp(0.9, objective="peak"))) <= 300
+    assert len(repr(socp)) <= 300 and len(repr(to_qp(problem, 0.9, objective="peak"))) <= 300
     # The caps are bounds, in the same unit.
-    qp = problem.to_qp(0.9, objective="peak")
+    qp = to_qp(problem, 0.9, objective="peak")
     assert isinstance(qp, ForceQP) and np.allclose(qp.ub[[3, 7]] * unit, [10.0, 15.0])
     assert not qp.P.flags.writeable and qp.matrices[0].flags.writeable
 
 
 def test_what_is_wrong_with_an_answer_is_in_its_certificate(pinch):
-    qp = pinch.to_qp(0.9, objective="least_squares")
+    qp = to_qp(pinch, 0.9, objective="least_squares")
     right = qpsolvers.solve_problem(qpsolvers.Problem(*qp.matrices), solver="daqp")
     assert qp.solution(right.x, y=right.y, z=right.z).status is Status.OK
 
@@ -201,7 +201,7 @@ def test_what_is_wrong_with_an_answer_is_in_its_certificate(pinch):
 
 
 def test_settling_removes_the_residual_of_a_loose_solver(pinch):
-    qp = pinch.to_qp(0.9, objective="least_squares")
+    qp = to_qp(pinch, 0.9, objective="least_squares")
     right = qpsolvers.solve_problem(qpsolvers.Problem(*qp.matrices), solver="daqp")
     loose = right.x + 1e-5 * np.random.default_rng(4).normal(size=len(right.x))
     as_it_is, settled = (qp.solution(loose, settle=settle).certificate for settle in (False, True))
@@ -211,14 +211,14 @@ def test_settling_removes_the_residual_of_a_loose_solver(pinch):
 
 def test_what_no_qp_says_is_refused_with_what_does(pinch):
     with pytest.raises(InvalidInput, match="'cone'.*to_socp"):
-        replace(pinch, friction=pg.Friction(model="cone")).to_qp(0.9, objective="least_squares")
+        to_qp(replace(pinch, friction=pg.Friction(model="cone")), 0.9, objective="least_squares")
     with pytest.raises(InvalidInput, match=r"'impulse'.*F_n\^1.667.*to_socp"):
-        pinch.to_qp(0.9)
+        to_qp(pinch, 0.9)
     with pytest.raises(InvalidInput, match="motor_heat.*torques"):
-        pinch.to_socp(0.9, objective="motor_heat")
+        to_socp(pinch, 0.9, objective="motor_heat")
     with pytest.raises(InvalidInput, match="final time"):
-        pinch.to_socp(1.5)
-    qp = pinch.to_qp(0.9, objective="peak")
+        to_socp(pinch, 1.5)
+    qp = to_qp(pinch, 0.9, objective="peak")
     with pytest.raises(InvalidInput, match="x: expected shape"):
         qp.forces([1.0, 2.0])
     with pytest.raises(InvalidInput, match="finite"):
@@ -227,13 +227,13 @@ def test_what_no_qp_says_is_refused_with_what_does(pinch):
         qp.solution(np.zeros(len(qp.q)), z=[1.0])
     # A contact law of exponent 1 makes the impulse quadratic.
     linear = replace(pinch, compliance=pg.Compliance(stiffness=4e3, exponent=1.0))
-    assert np.count_nonzero(linear.to_qp(0.9, objective="impulse").P) == 2
+    assert np.count_nonzero(to_qp(linear, 0.9, objective="impulse").P) == 2
 
 
 def test_scs_takes_the_cones_in_their_order(pinch):
     scs = pytest.importorskip("scs")
     problem = replace(pinch, friction=pg.Friction(model="soft", torsion=4e-3))
-    socp = problem.to_socp(0.9, objective="work")
+    socp = to_socp(problem, 0.9, objective="work")
     data = {"P": sp.csc_matrix(sp.triu(socp.P)), "A": socp.A, "b": socp.b, "c": socp.q}
     options = {"eps_abs": 1e-9, "eps_rel": 0.0, "verbose": False, "max_iters": 100_000}
     found = scs.SCS(data, socp.cones.scs(), **options).solve()

@@ -180,7 +180,7 @@ def test_a_stored_plan_keeps_its_limits(tmp_path):
     back = pinograsp.load_run(save_run(plan, tmp_path / "run"))
     fresh, stored = plan.problem, back.problem
     np.testing.assert_allclose(stored.torques.limit, fresh.torques.limit)
-    assert stored.torques.reserve == pytest.approx(fresh.torques.reserve) and stored.torques.reserve > 0
+    assert stored.torques.headroom == pytest.approx(fresh.torques.headroom) and stored.torques.headroom > 0
     np.testing.assert_allclose(stored.min_normal_force, fresh.min_normal_force)
     heavy = [pinograsp.OnlineForces(one.problem, hand=one.hand, q=one.motion.q[-1]) for one in (plan, back)]
     told = [loop.step(15 * plan.load) for loop in heavy]

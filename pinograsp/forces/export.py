@@ -1,4 +1,4 @@
-"""A force problem written for other solvers, and their answers judged. Fills ``ForceProblem.to_qp`` and ``to_socp``."""
+"""A force problem written for other solvers, and their answers judged."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import partial
 from time import perf_counter
 from typing import Any
 
-from pinograsp.checks import read_only
+from pinograsp.checks import instance_of, read_only
 from pinograsp.errors import Status
 from pinograsp.forces.active_set import DenseMethod
 from pinograsp.forces.answers import Answer, certify
@@ -17,18 +17,38 @@ from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective, Program, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ConvexSolution, solution_of
-from pinograsp.forces.standard_form import NORMAL, WRITERS, Column, ForceQP, ForceSOCP, ScaledForces
+from pinograsp.forces.standard_form import NORMAL, Column, ForceQP, ForceSOCP, ScaledForces
 from pinograsp.spatial import Array
 
 
-def _to_qp(problem: ForceProblem, impact_time: float, objective: Objective | None) -> ForceQP:
+def to_qp(problem: ForceProblem, impact_time: float, *, objective: Objective | None = None) -> ForceQP:
+    """The force program at t_I [s] as a quadratic program: pyramids; see :class:`ForceQP`.
+
+    Caps, torque limits, underactuation and every objective of ``optimize_forces`` but a grasp energy are in it.
+    Grasp energies are sums of powers of F_n (Eqs. 9 and 11), which only with a contact law of exponent 1 are
+    quadratic. P is singular where the objective is not "least_squares": some solvers want it definite.
+
+    Args:
+        problem: contacts, load, friction, limits.
+        impact_time: t_I [s]; it sets the range of F_n (Eqs. 13) and the energy.
+        objective: as for :func:`~pinograsp.forces.optimize_forces`.
+
+    Raises:
+        InvalidInput: cones and soft fingers, an objective that is not quadratic, or an argument that
+            ``optimize_forces`` refuses, too.
+    """
     program, about = _program_of(problem, impact_time, objective)
     qp, torque_rows = DenseMethod(program.matrices, "").quadratic(program)
     matrices: dict[str, Any] = {name: read_only(matrix) for name, matrix in vars(qp).items()}
     return ForceQP(**matrices, **vars(about), torque_rows=read_only(torque_rows))
 
 
-def _to_socp(problem: ForceProblem, impact_time: float, objective: Objective | None) -> ForceSOCP:
+def to_socp(problem: ForceProblem, impact_time: float, *, objective: Objective | None = None) -> ForceSOCP:
+    """The force program at t_I [s] over cones: all friction models, all objectives; see :class:`ForceSOCP`.
+
+    Friction cones are second-order cones, grasp energies (Eqs. 9 and 11) come as power cones. Arguments and errors are
+    those of :func:`to_qp`, which refuses more.
+    """
     program, about = _program_of(problem, impact_time, objective)
     method = ConicMethod(program.matrices, exponents_of(program))
     force, columns = program.force_scale, list(about.columns)
@@ -41,11 +61,9 @@ def _to_socp(problem: ForceProblem, impact_time: float, objective: Objective | N
     return ForceSOCP(**vars(socp), **known, torque_rows=(method.torque_at, len(program.R)))
 
 
-WRITERS.update(qp=_to_qp, socp=_to_socp)
-
-
 def _program_of(problem: ForceProblem, impact_time: float, objective: Objective | None) -> tuple[Program, ScaledForces]:
     """The program, and what its unknowns mean: x of each contact, and the largest F_n where it counts."""
+    instance_of("problem", problem, ForceProblem)
     impact_time, weights = problem.checked_impact_time(impact_time), weights_of(objective, problem)
     terms = energy_terms_at(problem, weights, impact_time)
     matrices = matrices_of(problem, weights)
