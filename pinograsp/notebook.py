@@ -9,7 +9,6 @@ import base64
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
-from html import escape
 from typing import Literal
 
 import numpy as np
@@ -20,6 +19,7 @@ from pinograsp.contacts import Closure, ContactSet
 from pinograsp.errors import Status
 from pinograsp.forces import Certificate, ConvexSolution, ForceProblem, ForceSolution
 from pinograsp.hands import HandModel
+from pinograsp.pages import render
 from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.plan.answer import bears, does_it_hold, friction_model
 from pinograsp.spatial import Array
@@ -27,20 +27,13 @@ from pinograsp.synthesis import FoundGrasp, GraspSearch
 from pinograsp.viz.scene import friction_of, in_words
 from pinograsp.viz.style import contact_colours
 from pinograsp.viz.thumbnail import Seen, thumbnail
-from pinograsp.words import number, printable
+from pinograsp.words import number
 
 Level = Literal["yes", "caution", "no"]
 
 # They read on white and on black.
 _BADGES: dict[Level, str] = {"yes": "#1a7f37", "caution": "#9a6700", "no": "#cf222e"}
-_LINE = "border-bottom:1px solid rgba(128,128,128,.3)"
-_CELL = f"text-align:left;padding:2px 12px 2px 0;{_LINE};vertical-align:top"
-_NAME = f"{_CELL};opacity:.7;white-space:nowrap"
-_TABLE = "border-collapse:collapse;margin:4px 0;font-size:90%;background:transparent"
-_DOT = (
-    "display:inline-block;width:8px;height:8px;border-radius:50%;border:1px solid rgba(128,128,128,.8);margin-right:5px"
-)
-_MANY, _LONGEST = 12, 300  # rows of a table; characters of a cell
+_MANY, _LONGEST = 12, 300  # rows of a table; characters of a text
 
 
 @dataclass(slots=True, kw_only=True)
@@ -73,59 +66,28 @@ class _Page:
 def html_of(record: object) -> str | None:
     """A record as HTML; None for one that shows as text."""
     page = _page_of(record)
-    return None if page is None else _html(page)
-
-
-def _html(page: _Page) -> str:
-    badge = ""
-    if page.badge is not None:
-        word, level = page.badge
-        style = f"background:{_BADGES[level]};color:#fff;border-radius:4px;padding:1px 7px;margin-left:8px"
-        badge = f'<span style="{style};font-size:85%">{_text(word)}</span>'
-    parts = [f"<div><b>{_text(page.title)}</b>{badge}</div>"]
-    if page.lead:
-        parts.append(f'<div style="margin:4px 0">{_text(page.lead)}</div>')
-    if page.rows:
-        parts.append(_table(page))
-    if facts := [(what, value) for what, value in page.facts if value]:
-        rows = (
-            f'<tr><td style="{_NAME}">{_text(what)}</td><td style="{_CELL}">{_text(value)}</td></tr>'
-            for what, value in facts
-        )
-        parts.append(f'<table style="{_TABLE}">{"".join(rows)}</table>')
-    few = page.remarks[:_MANY]
-    parts += [f'<div style="margin-top:3px;font-size:90%">{_text(remark)}</div>' for remark in few]
-    if more := len(page.remarks) - len(few):
-        parts.append(f'<div style="opacity:.7">and {more} more</div>')
-    text = f'<div style="flex:1 1 320px;max-width:640px">{"".join(parts)}</div>'
-    return f'<div style="display:flex;flex-wrap:wrap;gap:16px;align-items:flex-start">{_picture(page)}{text}</div>'
+    if page is None:
+        return None
+    facts = [(what, value) for what, value in page.facts if value]
+    return render(
+        "notebook.html",
+        longest=_LONGEST,
+        page=page,
+        facts=facts,
+        picture=_picture(page),
+        badges=_BADGES,
+        most=_MANY,
+    )
 
 
 def _picture(page: _Page) -> str:
-    """The picture; none where it cannot be drawn: the figures are shown all the same."""
+    """The picture in base64; "" where it cannot be drawn: the figures are shown all the same."""
     if page.seen is None:
         return ""
     try:
-        content = base64.b64encode(thumbnail(page.seen())).decode()
+        return base64.b64encode(thumbnail(page.seen())).decode()
     except Exception:  # meshes that are gone, hands without shapes
         return ""
-    return f'<img alt="" style="border-radius:6px" src="data:image/png;base64,{content}">'
-
-
-def _table(page: _Page) -> str:
-    head = "".join(f'<th style="{_CELL};opacity:.7;font-weight:normal">{_text(name)}</th>' for name in page.columns)
-    rows = []
-    for i, row in enumerate(page.rows[:_MANY]):
-        dot = f'<span style="{_DOT};background:{page.colours[i]}"></span>' if page.colours else ""
-        cells = "".join(f'<td style="{_CELL}">{dot * (j == 0)}{_text(cell)}</td>' for j, cell in enumerate(row))
-        rows.append(f"<tr>{cells}</tr>")
-    if (more := len(page.rows) - _MANY) > 0:
-        rows.append(f'<tr><td style="{_CELL};opacity:.7" colspan="{len(page.columns)}">and {more} more</td></tr>')
-    return f'<table style="{_TABLE}"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
-
-
-def _text(text: str) -> str:
-    return escape(printable(text, _LONGEST))
 
 
 # -- what is shown of each record --------------------------------------------------------------------------------------

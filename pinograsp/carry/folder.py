@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from pinograsp.carry.record import CarryPlan
-from pinograsp.carry.report import carry_report, levels_of
+from pinograsp.carry.report import report_carry
 from pinograsp.checks import instance_of
 from pinograsp.plan import Simulation
-from pinograsp.report import page
 from pinograsp.writing import NewFolder, write_folder
 
 
@@ -45,10 +44,7 @@ def save_carry(
     trajectory = plan.trajectory(rate=rate)
 
     def fill(path: Path) -> None:
-        figures = plan.save_figures(path)
-        text = carry_report(plan, [one.name for one in figures], simulation)
-        (path / "report.md").write_text(text, encoding="utf-8")
-        (path / "report.html").write_text(page(text, figures, levels_of(simulation)), encoding="utf-8")
+        report_carry(plan, [figure.name for figure in plan.save_figures(path)], simulation).write(path)
         seen = None if simulation is None else simulation.summary()
         document = json.dumps({**plan.summary(), "simulation": seen}, allow_nan=False, indent=1)
         (path / "carry.json").write_text(document + "\n", encoding="utf-8")

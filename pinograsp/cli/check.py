@@ -260,7 +260,7 @@ def _check(
 ) -> dict[str, Any]:
     """Simulate the plan, run the studies, and write the results; returns their summary."""
     from pinograsp.cli.report import refresh
-    from pinograsp.report import checked
+    from pinograsp.report import report_check
     from pinograsp.simulation import simulate
     from pinograsp.simulation.task import Task
     from pinograsp.storage import newest_check, write_simulation
@@ -285,7 +285,8 @@ def _check(
     def fill(path: Path) -> None:
         write_simulation(simulation, path, tried)
         figures = [figure.name for figure in save_check_figures(simulation, path)]
-        (path / "check.md").write_text(checked(simulation, figures, texts), encoding="utf-8")
+        text = report_check(simulation, figures, texts).to_markdown()
+        (path / "check.md").write_text(text, encoding="utf-8")
 
     list_in(run, f"{folder.place}/")  # so that a folder within the run counts as part of it
     folder.write(fill)

@@ -411,7 +411,7 @@ def _keep_proof(error: GraspInfeasible, case: Case, folder: NewFolder) -> None:
 def _print_comparison(plan: GraspPlan) -> None:
     from rich.table import Table
 
-    from pinograsp.report import comparison_rows
+    from pinograsp.report import list_comparison
 
     screen = console()
     title = "Comparison with the paper (planned with the paper's choices: balance of forces only)"
@@ -423,7 +423,7 @@ def _print_comparison(plan: GraspPlan) -> None:
     shown = None if screen.width >= _WIDE else -1  # without the notes, which the report has
     if shown is None:
         beside.add_column("note")
-    for row in comparison_rows(plan.comparison):
+    for row in list_comparison(plan.comparison):
         beside.add_row(*row[:shown])
     screen.print(beside)
     screen.print()
@@ -432,13 +432,13 @@ def _print_comparison(plan: GraspPlan) -> None:
 def print_plan(plan: GraspPlan, folder: Path) -> None:
     """Print a plan: what was planned, and at the end the answer."""
     from pinograsp.plan.answer import bears, does_it_hold, friction_used, shares
-    from pinograsp.report import details, summary
+    from pinograsp.report import list_details, summarize
 
     remarks = [("caution", text) for text in plan.cautions]
     if given["verbose"]:
-        facts = [*(("note", text) for text in plan.notes), *details(plan), *summary(plan), *remarks]
+        facts = [*(("note", text) for text in plan.notes), *list_details(plan), *summarize(plan), *remarks]
     else:
-        known = dict(details(plan))
+        known = dict(list_details(plan))
         facts = [("search", known["search"]), ("friction", known["friction"]), ("it bears", bears(plan)), *remarks[:2]]
         if left := len(remarks[2:]) + len(plan.notes):
             facts.append(("remarks", f"{left} more, in the report"))

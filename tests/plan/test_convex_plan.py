@@ -16,7 +16,7 @@ from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.errors import CaseRejected, GraspInfeasible, GraspUndecided, InvalidInput, Status, status_of
 from pinograsp.forces import global_optimum
 from pinograsp.planner import load_run
-from pinograsp.report import failure, markdown
+from pinograsp.report import report_failure, report_plan
 from pinograsp.storage import read_run
 
 CONVEX = {**AS_PUBLISHED, "forces.search": "convex", "forces.balance": "wrench", "forces.measure": "work"}
@@ -34,7 +34,7 @@ def test_plan_carries_certificate_and_margins():
     assert max(margins["friction_used"].values()) == pytest.approx(1 / 1.2, rel=1e-6)
     assert margins["load_factor"] > 1.1 and margins["disturbance_any_N"] > 0 and margins["force_closure"] is True
     json.dumps(summary, allow_nan=False)
-    text = markdown(plan.with_margins())
+    text = report_plan(plan.with_margins()).to_markdown()
     for words in ("no forces cost less than", "friction limit", "safety factor 1.2", "Branch and bound", "least work"):
         assert words in text
 
@@ -138,7 +138,11 @@ def test_command_keeps_the_proof(command, tmp_path):
     with pytest.raises(InvalidInput, match="holds no plan, its search found none .infeasible."):
         load_run(tmp_path / "why")
     report = (tmp_path / "why" / "report.md").read_text()
-    assert report == failure(run) and "# No grasp: paper" in report and "largest normal force" in report
+    assert (
+        report == report_failure(run).to_markdown()
+        and "# No grasp: paper" in report
+        and "largest normal force" in report
+    )
     # A grid that found nothing proves nothing, and leaves nothing.
     assert command("plan", "paper", *changes, "--out", "grid")[0] == 3 and not (tmp_path / "grid").exists()
 

@@ -18,9 +18,10 @@ from pinograsp.errors import ContactNotReached, GraspInfeasible, InvalidInput, R
 from pinograsp.forces import GraspConditions
 from pinograsp.objects import Sphere
 from pinograsp.planner import GraspPlan, load_run, save_run
-from pinograsp.report import comparison_rows, markdown, number
+from pinograsp.report import list_comparison, report_plan
 from pinograsp.storage import runs
 from pinograsp.viz.figures import contact_forces, joint_angles, joint_torques, save_figures
+from pinograsp.words import number
 from pinograsp.writing import NewFolder, folders
 
 
@@ -308,7 +309,7 @@ def test_unwritable_places_and_foreign_folders(run, tmp_path):
 
 def test_report_reads_well(run, rows):
     compared = replace(run, comparison=tuple(rows.values()))
-    text = markdown(compared, ["joint_angles.png"])
+    text = report_plan(compared, ["joint_angles.png"]).to_markdown()
     for expected in (
         "| status | ok |",
         "thumb 9.803",
@@ -317,7 +318,7 @@ def test_report_reads_well(run, rows):
         "moments are not",
         "55.90",
         "## Assumed inputs",
-        "`friction.mu`",
+        "| friction.mu |",
         "](joint_angles.png)",
         "Eq. 13a",
     ):
@@ -329,8 +330,8 @@ def test_report_reads_well(run, rows):
             widths.setdefault(line.count("|"), line)
     assert set(widths) <= {3, 4, 6, 7}
     unbalanced = replace(run, forces=replace(run.forces, status=Status.UNBALANCED), cautions=())
-    assert "**unbalanced**: These normal forces" in markdown(unbalanced)
-    assert "moments are not" not in markdown(unbalanced)
+    told = report_plan(unbalanced).to_markdown()
+    assert "\nunbalanced: These normal forces" in told and "moments are not" not in told
 
 
 def test_numbers_for_people():
@@ -347,7 +348,7 @@ def test_numbers_for_people():
 
 
 def test_comparison_rows_are_text(rows):
-    assert all(isinstance(cell, str) for row in comparison_rows(list(rows.values())) for cell in row)
+    assert all(isinstance(cell, str) for row in list_comparison(list(rows.values())) for cell in row)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from pinograsp.cases.object_case import ObjectCase
 from pinograsp.errors import GraspInfeasible, InvalidInput, Status
 from pinograsp.forces import Reserve, search_reserve
 from pinograsp.planner import load_run, save_run
-from pinograsp.report import answer, headline, markdown
+from pinograsp.report import answer_questions, list_results, report_plan
 
 CONE = pg.Friction(model="cone")
 BALL = "sphere:radius=0.035,mass=0.1"
@@ -79,12 +79,12 @@ def test_the_reserve_is_kept_and_shown(plan, tmp_path):
     folder = save_run(plan, tmp_path / "run")
     again = load_run(folder)
     assert again.reserve.summary() == plan.reserve.summary() == plan.summary()["reserve"]
-    words = dict(answer(plan))
+    words = dict(list_results(plan))
     assert "50 % of the weight" in words["reserve planned"] and "mass +-20 %" in words["reserve planned"]
     assert words["it bears"].startswith(f"a push of {plan.margins.disturbance_force:.2f}"[:14])
     assert "at this t_I no forces cost less" in words["proven"]
-    assert "What does it bear?" in headline(again)[1] and "m/s2" in headline(again)[1]
-    assert f"One squeeze for {plan.reserve.loads} loads" in markdown(again)
+    assert "m/s2" in {one.question: one.text for one in answer_questions(again)}["What does it bear?"]
+    assert f"One squeeze for {plan.reserve.loads} loads" in report_plan(again).to_markdown()
     plan.to_csv(tmp_path / "motion.csv")
     assert (tmp_path / "motion.csv").stat().st_size > 1000
 

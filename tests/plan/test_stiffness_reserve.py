@@ -12,7 +12,7 @@ from pinograsp.cases.object_case import ObjectCase
 from pinograsp.errors import GraspUndecided, InvalidInput, Status
 from pinograsp.forces import disturbance_margin
 from pinograsp.planner import load_run, save_run
-from pinograsp.report import answer
+from pinograsp.report import list_results
 from pinograsp.simulation import Disturbance, Servo
 
 FACTORS = [0.2, 1.0, 5.0]
@@ -56,7 +56,7 @@ def test_the_reserve_is_borne_at_both_ends(bare, plan):
 
 
 def test_it_is_kept_and_shown(plan, tmp_path):
-    assert "contacts 5 times as soft, contacts 5 times as stiff" in str(dict(answer(plan.with_margins())))
+    assert "contacts 5 times as soft, contacts 5 times as stiff" in str(dict(list_results(plan.with_margins())))
     kept = load_run(save_run(plan, tmp_path / "run")).reserve
     assert (kept.softer, kept.stiffer) == (5.0, 5.0)
     assert (

@@ -1,0 +1,158 @@
+"""Reports of plans, and of searches that found none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pinograsp.checks import instance_of, items_of
+from pinograsp.plan import PlanFailure, PlanRecord, Simulation
+from pinograsp.report.document import Answer, Picture, Report, Section, list_section
+from pinograsp.report.results import answer_questions, list_comparison, list_results
+from pinograsp.words import fixed, number
+
+_LOST = 1e-3  # share of the energy that couplings cost: worth a sentence
+_ROUNDING = 1e-9  # of the largest torque: smaller ones are rounding
+_FIRST = ("grasp", "contact_forces")  # figures beside the answers
+_CAPTIONS = {
+    "grasp": "The grasp at t_F: forces on the object, its weight and load in black",
+    "contact_forces": "Normal forces and penetration depths in the grasp phase",
+    "joint_angles": "Joint angles, approach and grasp phase (grey)",
+    "joint_rates": "Joint rates",
+    "grasp_energy": "Grasp energy over time, rho + 1 times the contacts' work",
+    "friction_use": "Friction used: each contact's share of Coulomb's cone, mu F_n",
+    "wrench_margin": "Forces that the grasp bears besides its load",
+    "search_over_time": "The search over the impact time: lower bounds, the best found, and the gap",
+}
+
+
+def report_plan(plan: PlanRecord, figures: Sequence[str] = (), simulation: Simulation | None = None) -> Report:
+    """The report of a plan; ``figures``: names of image files in the same folder."""
+    instance_of("plan", plan, PlanRecord)
+    shown = [Picture(name, _caption(name)) for name in items_of("figures", figures, str)]
+    first = {figure: Path(figure.name).stem in _FIRST for figure in shown}
+    rest = [figure for figure in shown if not first[figure]]
+    ended = f"{plan.status}: {plan.remedy}" if plan.remedy else ""
+    sections = [
+        Section(title="Results", columns=("quantity", "value"), rows=list_results(plan, simulation), remark=ended),
+        *list_section("Cautions", plan.cautions),
+        *list_section("Notes", plan.notes),
+        _contacts(plan),
+        _torques(plan),
+        *_search(plan),
+    ]
+    if plan.comparison:
+        comparison = Section(
+            title="Comparison with the paper",
+            text="Planned with the paper's choices: balance of forces only, no safety factor for friction.",
+            columns=("quantity", "unit", "paper", "ours", "difference", "note"),
+            rows=list_comparison(plan.comparison),
+        )
+        sections.append(comparison)
+    if assumed := plan.settings.get("assumed"):
+        sections.append(Section(title="Assumed inputs", columns=("input", "why"), rows=list(assumed.items())))
+    if rest:
+        sections.append(Section(title="Figures", figures=rest))
+    settings = [(key, str(value)) for key, value in _flatten(plan.settings)]
+    settings = [(key, value) for key, value in settings if key != "name" and not key.startswith("assumed.")]
+    if settings:
+        sections.append(Section(title="Settings", columns=("key", "value"), rows=settings))
+    return Report(
+        title=f"Grasp plan: {plan.name[:200]}",
+        answers=answer_questions(plan, simulation),
+        figures=[figure for figure in shown if first[figure]],
+        sections=[*sections, _versions(plan.versions)],
+    )
+
+
+def report_failure(failure: PlanFailure) -> Report:
+    """The report of a search that found no grasp."""
+    instance_of("failure", failure, PlanFailure)
+    first, *rest = failure.message.splitlines() or [""]
+    return Report(
+        title=f"No grasp: {failure.name[:200]}",
+        answers=[Answer(str(failure.status), first, "no")],
+        sections=[*list_section("", rest), _versions(failure.versions)],
+    )
+
+
+def _contacts(plan: PlanRecord) -> Section:
+    forces = plan.forces
+    rows = [
+        (name, *(fixed(f, 4) for f in force), fixed(deceleration, 4), f"{missed:.1e}")
+        for name, force, deceleration, missed in zip(
+            plan.contacts.names, forces.forces_c, forces.acceleration, plan.motion.tracking_error
+        )
+    ]
+    return Section(
+        title="Contact forces at t_F",
+        columns=("contact", "f_x [N]", "f_y [N]", "F_n [N]", "A [m/s2]", "path error [m]"),
+        rows=rows,
+        remark="Contact frame: z into the object, x against gravity in the tangent plane, y completes it. Forces act "
+        "on the object.",
+    )
+
+
+def _torques(plan: PlanRecord) -> Section:
+    slides = [False] * len(plan.layout.joints) if plan.hand is None else plan.hand.slides.tolist()
+    maxima = plan.torque_maxima()
+    largest = max((values.max(initial=0.0) for one in maxima.values() for values in one.values()), default=0)
+    rows = [
+        (
+            finger,
+            plan.layout.joints[j],
+            *(number(value if value > _ROUNDING * largest else 0.0) for value in both),
+            "N" if slides[j] else "N m",
+        )
+        for finger, phases in maxima.items()
+        for j, *both in zip(plan.layout.fingers[finger], phases["approach"].tolist(), phases["grasp"].tolist())
+    ]
+    return Section(title="Joint torque maxima", columns=("finger", "joint", "approach", "grasp", "unit"), rows=rows)
+
+
+def _search(plan: PlanRecord) -> list[Section]:
+    certificate, grid, reserve = plan.forces.certificate, plan.forces.grid, plan.reserve
+    if certificate is None:
+        if grid is None:
+            return []
+        text = f"{grid.points:.4g} grid points, {grid.cells} cells in (t_I, A), {grid.qp_solves} QPs solved."
+        rows = [(reason, str(count)) for reason, count in grid.rejections.items()]
+        return [Section(title="Search", text=text, columns=("cells rejected by", "count"), rows=rows)]
+    residual = f"Residual: {plan.forces.residual_force:.1e} N, {plan.forces.residual_moment:.1e} N m"
+    if reserve is None:
+        text = (
+            f"Branch and bound over t_I: {len(certificate.branches)} intervals. {residual}; largest violation of a "
+            f"limit: {certificate.violation:.1e} N."
+        )
+        return [Section(title="Search", text=text)]
+    text = (
+        f"One squeeze for {reserve.loads} loads. {reserve.impact_times} impact times were tried; at the one taken no "
+        f"squeeze costs less (proven), that no other impact time does is not proven. {residual}; largest violation of "
+        f"a limit under any of the loads: {certificate.violation:.1e} N."
+    )
+    if reserve.above_unrestricted > _LOST:
+        text += (
+            f" The energy is at most {100 * reserve.above_unrestricted:.2g} % above the least of a hand whose contacts "
+            "and joints could all be chosen one by one."
+        )
+    return [Section(title="Search", text=text)]
+
+
+def _caption(name: str) -> str:
+    stem = Path(name).stem
+    finger = stem.removeprefix("torques_")
+    return _CAPTIONS.get(stem, f"Joint torques of the {finger}" if finger != stem else stem.replace("_", " "))
+
+
+def _versions(versions: Mapping[str, str]) -> Section:
+    made = ", ".join(f"{name} {version}" for name, version in versions.items())
+    return Section(title="", text=f"Made with {made}.")
+
+
+def _flatten(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in settings.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f"{prefix}{key}.")
+        elif value is not None:
+            yield f"{prefix}{key}", value

@@ -1,0 +1,170 @@
+"""The results of a plan in words and numbers: what it answers, and tables of all the rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from pinograsp.checks import instance_of
+from pinograsp.pages import LONGEST
+from pinograsp.plan import ComparisonRow, PlanRecord, Simulation
+from pinograsp.plan.answer import (
+    bears,
+    disturbance_held,
+    does_it_hold,
+    friction_model,
+    friction_used,
+    load_factor,
+    planned_reserve,
+    shares,
+    where_the_hand_is,
+    work,
+)
+from pinograsp.report.document import Answer
+from pinograsp.words import number, printable
+
+
+def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> list[Answer]:
+    """The main results: holding, forces, energy, margins and simulation."""
+    instance_of("plan", plan, PlanRecord)
+    instance_of("simulation", simulation, Simulation, type(None))
+    forces, certificate = plan.forces, plan.forces.certificate
+    each = ", ".join(f"{name} {value:.2f} N" for name, value in _normal_forces(plan).items())
+    energy = f"{work(plan)}; {forces.impulse:.3f} N s as impulse (Eq. 11)"
+    if certificate is not None:
+        share = max(certificate.relative_gap, 0.0)
+        energy += f"; proven to be within {share:.0e} (relative) of the least {_objective(plan)}"
+    margin = f"the squeeze holds {load_factor(plan.require_margins())}"
+    for what, values in friction_used(plan):
+        used = [value for value in values.values() if math.isfinite(value)]
+        margin += f"; {what}: up to {100 * max(used):.0f} %" if used else ""
+    total = sum(_normal_forces(plan).values())
+    outcome = does_it_hold(plan, simulation)
+    answers = [
+        Answer("Does it hold?", outcome.text, outcome.level),
+        Answer("What does it bear?", _sentence(f"{bears(plan)}; reserve planned: {planned_reserve(plan.reserve)}")),
+        Answer("How hard?", f"{total:.2f} N of normal force in all: {each}; at most {plan.peak_efforts()} at a joint."),
+        Answer("How much energy?", f"{energy}."),
+        Answer("Which margin?", _sentence(margin)),
+    ]
+    if simulation is None:
+        answers.append(Answer("Simulated?", "Not yet: run pinograsp check."))
+    else:
+        off = f"normal forces at most {100 * simulation.verdict.force_error:.1f} % off the plan"
+        answers += answer_simulated(simulation, off)
+    if place := where_the_hand_is(plan):
+        answers.append(Answer("Where is the hand?", _sentence(place)))
+    return answers
+
+
+def answer_simulated(simulation: Simulation, remark: str = "") -> list[Answer]:
+    """How a simulation ended, and why the object was lost."""
+    verdict = simulation.verdict
+    text = "; ".join(part for part in (verdict.reason, remark) if part)
+    ended, level = ("Held", "") if verdict.held else ("Lost", "no")
+    answers = [Answer("Simulated?", f"{ended} ({simulation.engine}): {text}.", level)]
+    reasons = (("Why lost?", verdict.causes), ("What helps?", verdict.remedies))
+    return answers + [Answer(question, f"{'; '.join(texts)}.") for question, texts in reasons if texts]
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _normal_forces(plan: PlanRecord) -> dict[str, float]:
+    return dict(zip(plan.contacts.names, plan.forces.normal_forces.tolist()))
+
+
+def list_results(plan: PlanRecord, simulation: Simulation | None = None) -> list[tuple[str, str]]:
+    """The results as pairs of a name and a value with its unit, first those of :func:`summarize`."""
+    return [*summarize(plan, simulation), *list_details(plan)]
+
+
+def summarize(plan: PlanRecord, simulation: Simulation | None = None) -> list[tuple[str, str]]:
+    """What a reader asks first, as pairs of a name and a value with its unit."""
+    instance_of("plan", plan, PlanRecord)
+    lines = [
+        ("does it hold?", does_it_hold(plan, simulation).text),
+        ("it bears", bears(plan)),
+        ("reserve planned", planned_reserve(plan.reserve)),
+        ("normal forces", f"{', '.join(f'{name} {value:.3f}' for name, value in _normal_forces(plan).items())} N"),
+        ("status", str(plan.status)),
+    ]
+    return [(printable(what), printable(value, LONGEST)) for what, value in lines]
+
+
+def list_details(plan: PlanRecord) -> list[tuple[str, str]]:
+    """The other results, likewise."""
+    forces, motion, names = plan.forces, plan.motion, plan.contacts.names
+    multipliers = ", ".join(f"{name} ({k1:+.3f}, {k2:+.3f})" for name, (k1, k2) in zip(names, forces.multipliers))
+    solved = f"{forces.search}, solver {forces.backend or 'none'}, {plan.balance} balance, least {_objective(plan)}"
+    lines = [
+        ("search", solved),
+        ("friction", friction_model(plan.friction)),
+        ("hand", where_the_hand_is(plan) or "placed as the plan's poses tell"),
+        ("impact time t_I", f"{forces.impact_time:g} s"),
+        ("multipliers k1, k2", multipliers),
+        ("grasp energy (work)", work(plan)),
+        ("grasp energy (impulse)", f"{forces.impulse:.4f} N s by Eq. (11)"),
+        ("net force, net moment", f"{forces.residual_force:.2e} N, {forces.residual_moment:.2e} N m"),
+        ("largest penetration", f"{1e3 * forces.final_depths.max():.3f} mm"),
+        ("peak joint effort", plan.peak_efforts()),
+        ("postures tried", ", ".join(f"{name} {count}" for name, count in motion.postures.items())),
+        *_proof(plan),
+        *_safety(plan),
+        ("planning time", f"{sum(plan.elapsed.values()):.3f} s"),
+    ]
+    return [(printable(what), printable(value, LONGEST)) for what, value in lines]
+
+
+def _objective(plan: PlanRecord) -> str:
+    certificate = plan.forces.certificate
+    weights = {plan.measure: 1.0} if certificate is None else certificate.weights
+    parts = [name if weight == 1.0 else f"{weight:g} {name}" for name, weight in weights.items() if weight]
+    return " + ".join(parts)
+
+
+def _proof(plan: PlanRecord) -> list[tuple[str, str]]:
+    certificate = plan.forces.certificate
+    if certificate is None:
+        return []
+    where = "at this t_I " if plan.reserve is not None else ""
+    gap = f"{where}no forces cost less than {number(certificate.lower_bound, 7)} "
+    gap += f"(ours {number(certificate.objective, 7)}), gap {certificate.relative_gap:.1e}"
+    return [("proven", gap), ("active limits", "; ".join(certificate.active) or "none")]
+
+
+def _safety(plan: PlanRecord) -> list[tuple[str, str]]:
+    """The margins: what the grasp bears besides its load with these normal forces."""
+    margins = plan.require_margins()
+    closure = "force closure" if margins.force_closure else "no force closure"
+    quality = (
+        f"{closure}, Ferrari-Canny epsilon {number(margins.ferrari_canny, 3)}, "
+        f"smallest singular value {number(margins.min_singular_value, 3)}"
+    )
+    return [
+        *((what, shares(values)) for what, values in friction_used(plan)),
+        ("load held by these forces", load_factor(margins)),
+        ("disturbance held besides", disturbance_held(margins, plan.friction.safety)),
+        ("grasp", quality),
+        *_on_other_contacts(plan),
+    ]
+
+
+def _on_other_contacts(plan: PlanRecord) -> list[tuple[str, str]]:
+    band = plan.require_margins().band
+    if band is None:
+        return []
+    ranges = zip(plan.contacts.names, band.lowest, band.highest)
+    forces = ", ".join(f"{name} {number(low, 2)} to {number(high, 2)}" for name, low, high in ranges)
+    lost = [f"not held at {factor:g} times: {why}" for factor, why in zip(band.factors, band.remarks) if why]
+    text = f"{forces} N, contacts {band.factors.min():g} to {band.factors.max():g} times as stiff, {band.servos}"
+    return [("on other contacts", "; ".join([text, *(lost[:1] or ["held"])]))]
+
+
+def list_comparison(comparison: Sequence[ComparisonRow]) -> list[tuple[str, ...]]:
+    """Rows of the comparison with a publication, as text: quantity, unit, paper, ours, difference, note."""
+    return [
+        (row.quantity, row.unit, number(row.published), number(row.ours), number(row.difference, 3), row.note)
+        for row in comparison
+    ]
