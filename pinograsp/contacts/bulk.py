@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from pinograsp.checks import brief, instance_of, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of
+from pinograsp.contacts.penetration import ICOSAHEDRON
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support import CORNERS, common_corners, support_shape, tilted
 from pinograsp.hands import HandModel
@@ -19,7 +20,7 @@ from pinograsp.objects.mesh import Mesh
 from pinograsp.spatial import Array, BoolArray, IntArray, inverse_of
 
 _OFF = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
-_ROUNDS, _ALIKE = 3, 0.05  # of finding the direction, and where it has settled [rad]
+_ROUNDS, _ALIKE = 12, 1e-3  # of finding the direction, and where it has settled [rad]
 _MOST_CORNERS = 1000  # of a hull that tells what is near
 _FAILED = 1e3  # [m] farther off than any object: coal failed
 LEAN = 0.03  # [rad] of faces that are to touch as areas: jaws turn what they squeeze by more
@@ -250,8 +251,8 @@ class BulkScene:
     ) -> tuple[float, Array, Array] | None:
         """Gap [m], the point on the object's surface (3,), and the inward normal (3,): its own, not its parts'.
 
-        The object is moved off along the normal until it is clear, where nearest points tell the direction. None where
-        coal finds no way out.
+        Inside, the object is moved off until it is clear (:meth:`_way_out`), along the normal of its convex part, or,
+        where that leads along a wall, in the direction that is shortest. None where coal finds no way out.
         """
         result, request, hand_part = self.distances.result, self.distances.request, self.parts[part]
         result.clear()
@@ -266,13 +267,24 @@ class BulkScene:
                 return size, other, normal
         else:
             normal = np.array(result.normal)
-        # Where no way out is found: the parts' own answer, at a point that counts for nothing.
-        found = gap, np.array(pose.getTranslation()), normal
-        off = _OFF - gap
+        found = self._way_out(hand_part, pose, here, normal, _OFF - gap)
+        if found is None:
+            ways = [self._way_out(hand_part, pose, here, start, _OFF - gap) for start in ICOSAHEDRON]
+            found = max((way for way in ways if way is not None), key=lambda way: way[0], default=None)
+        return found
+
+    def _way_out(
+        self, part: HandPart, pose: coal.Transform3s, here: coal.Transform3s, normal: Array, off: float
+    ) -> tuple[float, Array, Array] | None:
+        """As :meth:`_measured`, along the common normal to which that one (3,) leads, moved ``off`` [m] at first.
+
+        Where the object is clear of the part, their nearest points tell the next normal. None: it leads to none.
+        """
+        result, found = self.distances.result, None
         for _ in range(_ROUNDS):
             moved = coal.Transform3s(here.getRotation(), here.getTranslation() + off * normal)
             result.clear()
-            gap = coal.distance(hand_part.geometry, pose, self.distances.shape, moved, self.distances.plain, result)
+            gap = coal.distance(part.geometry, pose, self.distances.shape, moved, self.distances.plain, result)
             if not -_FAILED < gap < _FAILED:
                 return None
             if gap < _OFF / 10:  # deeper than thought

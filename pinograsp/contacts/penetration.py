@@ -33,6 +33,10 @@ _ROUGHLY = 1e-4
 _ROUNDS = 20
 _REACHED = 1e-9  # [m]
 _STEPS, _PROBE, _LARGEST = 60, 1e-6, 0.3  # Newton steps; finite difference and largest step [rad or m]
+# Unit vectors (12, 3) to its corners: directions in which to look for a way out of an object.
+ICOSAHEDRON = read_only(
+    np.array([np.roll([0, i, j * 1.618034], k) / 1.902113 for i in (1, -1) for j in (1, -1) for k in range(3)])
+)
 _RANK = 1e-2  # singular values of the Jacobian below this share of the largest: steps along them are noise
 
 

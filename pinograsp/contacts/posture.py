@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,9 +15,9 @@ from pinograsp.checks import array_of, brief, flag, instance_of, number, read_on
 from pinograsp.contacts.clearance import Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.closure import Touch, contacts_from
 from pinograsp.contacts.contact_set import ContactSet
-from pinograsp.contacts.penetration import deepest_of
+from pinograsp.contacts.penetration import ICOSAHEDRON, deepest_of
 from pinograsp.contacts.self_collision import SelfCollisions
-from pinograsp.errors import InvalidInput
+from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
@@ -151,12 +152,24 @@ class _Posture:
             gap, point = self.distances.of(part)
             _, normal = self.distances.surface(point)
             if gap <= _TOUCH:
-                depth, normal, surface = deepest_of(self.distances, part, normal)
+                depth, normal, surface = self._way_out(part, normal)
                 gap, point = -depth, surface + depth * normal
             key = part.joint, part.link
             if gap <= reach and (key not in found or gap < found[key].gap):
                 found[key] = Near(part, gap, normal, point)
         return found
+
+    def _way_out(self, part: HandPart, normal: Array) -> tuple[float, Array, Array]:
+        """The shortest way out of the object, as of :func:`deepest_of`.
+
+        At an edge, as the rim of a mug, the surfaces have several common normals; from the nearest surface's ``normal``
+        the search may end at one along which the part is deeper.
+        """
+        ways = [deepest_of(self.distances, part, normal)]
+        for start in ICOSAHEDRON:
+            with suppress(GeometryFailed):  # no way out along this one
+                ways.append(deepest_of(self.distances, part, start, deep=ways[0][0]))
+        return min(ways, key=lambda way: way[0] - (1e-9 if way is ways[0] else 0.0))
 
     def settled(self, given: Array, near: dict[tuple[int, str], Near], tolerance: float) -> Array:
         """The posture nearest to the given one at which the fingers' links that are near touch (n,).
