@@ -126,7 +126,7 @@ def catalogue(name: str, shape: str) -> dict:
 
 
 def case_study() -> list[dict]:
-    """The paper's case in wrench and in force balance, and by other steps, engines and ways of letting go."""
+    """The paper's case in wrench and in force balance, and by other steps and ways of letting go."""
     rows = []
     plans = {
         balance: pg.load_case(
@@ -139,7 +139,6 @@ def case_study() -> list[dict]:
         ("wrench", "half the step", {"time_step": 1.25e-4}),
         ("wrench", "let go at once", {"letting_go": 0.0}),
         ("wrench", "joints as commanded", {"mode": "prescribed"}),
-        ("wrench", "Pinocchio's engine", {"engine": "pinocchio"}),
         ("force", "10 s", {"hold": 10.0}),
     ):
         simulation = pg.simulate(plans[balance], **settings)

@@ -277,10 +277,7 @@ def _(simulation: Simulation) -> _Page:
             ("largest force error", f"{100 * verdict.force_error:.3g} %"),
             ("touching without a plan", ", ".join(verdict.unplanned)),
             ("at their torque limit", ", ".join(verdict.saturated)),
-            (
-                "run",
-                f"{simulation.engine}, {simulation.mode}, {simulation.times[-1]:.3g} s in {simulation.elapsed:.2g} s",
-            ),
+            ("run", f"{simulation.mode}, {simulation.times[-1]:.3g} s in {simulation.elapsed:.2g} s"),
         ),
         remarks=[
             *(f"why: {one}" for one in verdict.causes),

@@ -1,4 +1,4 @@
-"""One shape on one joint beside a free object, for tests of the simulation's engines."""
+"""One shape on one joint beside a free object, for tests of the simulation's engine."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull
 
 from pinograsp.hands.model import HandModel
+from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.settings import Servo
 
 DT = 2.5e-4
@@ -52,12 +53,14 @@ def one_joint(shape) -> HandModel:
     return HandModel(name="one", source="", model=model, geometry=geometry, palm="universe", fingers=(), pose=np.eye(4))
 
 
-def engine(kind, shape, body, *, dt: float = DT, gravity=(0.0, 0.0, -9.81)):
+def engine(shape, body, *, dt: float = DT, gravity=(0.0, 0.0, -9.81), servo=None, friction=None) -> MujocoEngine:
     hand = one_joint(shape)
     task = SimpleNamespace(
         links=(), hand=hand, body=body, gravity_o=np.array(gravity), torque_limit=np.full(1, np.inf), carrier=""
     )
-    return kind(task, time_step=dt, servo=Servo.of(hand), mass_factor=1.0)
+    return MujocoEngine(
+        task, time_step=dt, servo=Servo.of(hand, servo), mass_factor=1.0, joint_friction=np.full(1, friction or 0.0)
+    )
 
 
 def pose(rotation, position) -> np.ndarray:
@@ -72,5 +75,8 @@ def width(shape, normal) -> float:
         return float(np.abs(normal) @ np.array(shape.halfSide).ravel())
     if isinstance(shape, coal.ConvexBase):
         return float((np.array(shape.points()) @ normal).max())
+    if isinstance(shape, coal.Sphere | coal.Ellipsoid):
+        radii = shape.radius if isinstance(shape, coal.Sphere) else np.array(shape.radii).ravel()
+        return float(np.linalg.norm(radii * normal))
     along = abs(normal[2]) * shape.halfLength
     return along + shape.radius * (1.0 if isinstance(shape, coal.Capsule) else float(np.hypot(normal[0], normal[1])))

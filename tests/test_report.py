@@ -37,8 +37,8 @@ def run():
 @pytest.fixture(scope="module")
 def simulated(run):
     """Simulations that held, that lost, and that lost with less friction than planned."""
-    real = simulate(run, hold=0.01, time_step=1e-3, letting_go=0.01, engine="pinocchio")
-    held = replace(real, engine="mujoco", verdict=replace(real.verdict, held=True, reason="0.1 mm"))
+    real = simulate(run, hold=0.01, time_step=1e-3, letting_go=0.01)
+    held = replace(real, verdict=replace(real.verdict, held=True, reason="0.1 mm"))
     lost = replace(held, verdict=replace(real.verdict, held=False, reason="it fell"))
     return {"held": held, "lost": lost, "disturbed": replace(lost, disturbance={"mu": 0.1}), None: None}
 
@@ -465,7 +465,7 @@ def test_records_print_on_a_few_lines(hand, cylinder):
     case = pg.load_case("paper", {**CHANGES, "motion.time_step": 0.02})
     plan = case.plan()
     closure = pg.close_hand(hand, cylinder)
-    simulation = simulate(plan, hold=0.01, time_step=1e-3, letting_go=0.01, engine="pinocchio")
+    simulation = simulate(plan, hold=0.01, time_step=1e-3, letting_go=0.01)
     found = {}
     for thing in (
         plan,

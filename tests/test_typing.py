@@ -55,7 +55,7 @@ common: RobustForces = pg.optimize_robust(plan.problem, pg.LoadSet.around(plan.p
 forces: NDArray[np.float64] = solution.normal_forces
 peak: float = plan.motion.peak_torque
 names: tuple[str, ...] = plan.contacts.names
-simulation: Simulation = pg.simulate(plan, engine="pinocchio", support="table", disturbance=Disturbance())
+simulation: Simulation = pg.simulate(plan, mode="servo", support="table", disturbance=Disturbance())
 held: bool = simulation.verdict.held
 carried: CarryPlan = plan_carry(hand, plan, {"joint": [0.0, 1.0]}, timing="fastest", squeeze=2.0)
 duration: float = carried.duration
@@ -100,7 +100,7 @@ WRONG = [
     ('pg.ForceProblem.holding(mug, contacts, mu=0.7, balence="force")', '"balence" for "holding"'),
     ('pg.ForceProblem.holding(mug, contacts, mu=0.7, measure="works")', '"measure" to "holding"'),
     ("pg.ForceProblem(contacts=contacts, load=[0.0] * 6, mu=0.7, max_dept=1.0)", '"max_dept" for "ForceProblem"'),
-    ('pg.simulate(plan, engine="mujcoo")', '"engine" to "simulate"'),
+    ('pg.simulate(plan, support="tabel")', '"support" to "simulate"'),
     ("pg.simulate(plan, holds=1.0)", '"holds" for "simulate"'),
     ('plan_carry(hand, plan, {}, timing="fast")', '"timing" to "plan_carry"'),
     ('plan_carry(hand, plan, {}, squeeze="most")', '"squeeze" to "plan_carry"'),

@@ -1,4 +1,4 @@
-"""Carrying in a physics engine: arm, hand and a free object, along the whole path."""
+"""Carrying in simulation: arm, hand and a free object, along the whole path."""
 
 from __future__ import annotations
 

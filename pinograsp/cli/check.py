@@ -85,24 +85,17 @@ def check(
     control: Annotated[
         str,
         typer.Option(
-            help="Of the joints: position+torque (servos, with the plan's torques as feed-forward), position (servos "
+            help="Of the joints: impedance (servos, with the plan's torques as feed-forward), position (servos "
             "alone), torque (the plan's torques alone).",
             autocompletion=completion.one_of(completion.CONTROLS),
         ),
-    ] = "position+torque",
+    ] = "impedance",
     kp: Annotated[
         str | None,
         typer.Option(
             metavar="K[,K...]", help="Stiffness of all servos, or of each \\[N m/rad, N/mm]; default: 50, 55.6."
         ),
     ] = None,
-    engine: Annotated[
-        str,
-        typer.Option(
-            help="mujoco (extra sim), or pinocchio: slower, needs no extra.",
-            autocompletion=completion.one_of(completion.ENGINES),
-        ),
-    ] = "mujoco",
     prescribed: Annotated[
         bool, typer.Option("--prescribed", help="Joints follow the commands exactly, instead of by servos.")
     ] = False,
@@ -170,7 +163,6 @@ def check(
     from pinograsp.checks import one_of
     from pinograsp.planner import load_run
     from pinograsp.simulation.settings import CONTROLS, SUPPORTS
-    from pinograsp.simulation.simulate import ENGINES
 
     if not 0 <= monte_carlo <= _MOST_TRIALS:
         raise InvalidInput(f"--monte-carlo: expected a number of trials from 0 to {_MOST_TRIALS}, got {monte_carlo}")
@@ -181,12 +173,11 @@ def check(
             raise InvalidInput(f"--out: expected a folder for the check alone, got '{out}', which holds a run")
         settings: TrialSettings = {
             "hold": hold,
-            "engine": one_of("engine", engine, ENGINES),
             "time_step": time_step,
             "mode": "prescribed" if prescribed else "servo",
             "support": one_of("support", support, SUPPORTS),
         }
-        if (control, kp) != ("position+torque", None):
+        if (control, kp) != ("impedance", None):
             if prescribed:
                 raise InvalidInput("--control, --kp: expected without --prescribed, whose joints follow exactly")
             settings["servo"] = _servo(plan, one_of("control", control, CONTROLS), kp)
@@ -368,7 +359,7 @@ def _studies(
         plain = {name: value.summary() if isinstance(value, Servo) else value for name, value in settings.items()}
         if studies.errors is not None:
             plain["errors"] = errors.summary()
-        key = json.dumps({"seed": studies.seed, **plain}, sort_keys=True)
+        key = json.dumps({"seed": studies.seed, "engine": "mujoco", **plain}, sort_keys=True)  # as 0.2.0 did
         trials = studies.trials / hashlib.sha256(key.encode()).hexdigest()[:8]
         list_in(run, trials / FILE)
         study = monte_carlo(

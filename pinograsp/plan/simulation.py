@@ -88,7 +88,6 @@ class Simulation:
 
     Attributes:
         verdict: held or lost, with its numbers.
-        engine: ``"mujoco"`` or ``"pinocchio"``.
         mode: ``"servo"`` or ``"prescribed"``.
         time_step: [s].
         release: when the object was let go [s]; None: never.
@@ -117,7 +116,6 @@ class Simulation:
     """
 
     verdict: Verdict
-    engine: str
     mode: str
     time_step: float
     release: float | None
@@ -142,7 +140,7 @@ class Simulation:
     exponent: float
     servo: Mapping[str, Any] = field(default_factory=dict)
 
-    __repr__ = brief("verdict", "engine", "mode", "time_step", "parts", "planned_forces", "notes", "elapsed")
+    __repr__ = brief("verdict", "mode", "time_step", "parts", "planned_forces", "notes", "elapsed")
     _repr_html_ = in_notebook
 
     def __str__(self) -> str:
@@ -170,7 +168,6 @@ class Simulation:
         """Verdict and settings as plain JSON values."""
         return {
             **self.verdict.summary(),
-            "engine": self.engine,
             "mode": self.mode,
             "servo": dict(self.servo),
             "time_step_s": self.time_step,
@@ -239,7 +236,5 @@ class Simulation:
                 lines.append(f"{what}: {', '.join(which)}")
         audit = "not made (the hand was shaken)" if v.energy_error is None else f"closes to {v.energy_error:.1e}"
         control = self.servo.get("control", self.mode)
-        lines.append(
-            f"energy audit {audit}; {self.engine}, {control}, step {1e3 * self.time_step:g} ms, {self.elapsed:.2f} s"
-        )
+        lines.append(f"energy audit {audit}; {control}, step {1e3 * self.time_step:g} ms, {self.elapsed:.2f} s")
         return lines

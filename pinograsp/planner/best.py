@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,6 @@ from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.planning import GraspTask, Search, task_on
 from pinograsp.simulation import Disturbance, simulate
-from pinograsp.simulation.simulate import EngineName
 from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 
@@ -54,9 +52,9 @@ def plan_best(
         solver: as for :func:`~pinograsp.planner.plan_grasp_on`.
         objective: as for :func:`~pinograsp.planner.plan_grasp_on`.
         progress: bar on stderr: None (on a terminal), True or False.
-        check: simulate such plans, too (MuJoCo where it is installed, else Pinocchio's engine), at rest and then shaken
-            with half of what their reserve bears; some seconds each, more for meshes that are not convex. What is lost
-            comes last, with a caution; what was held has a note.
+        check: simulate such plans, too, at rest and then shaken with half of what their reserve bears; some seconds
+            each, more for meshes that are not convex. What is lost comes
+            last, with a caution; what was held has a note.
 
     Returns:
         The first plan that is ``OK``, and held where it is checked; where none is, that of the best grasp that could be
@@ -143,15 +141,14 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) ->
 
 def _checked(plan: GraspPlan) -> tuple[GraspPlan, bool]:
     """The plan with what its simulation says, and whether it was held."""
-    engine: EngineName = "pinocchio" if importlib.util.find_spec("mujoco") is None else "mujoco"
     bears = 0.0 if plan.reserve is None else plan.reserve.force / plan.body_mass
     shake = _SHAKEN * bears * np.ones(3) / np.sqrt(3.0)
     try:
-        verdict = simulate(plan, engine=engine, disturbance=Disturbance(shake=shake)).verdict
+        verdict = simulate(plan, disturbance=Disturbance(shake=shake)).verdict
         held, reason = verdict.held, verdict.reason
     except SimulationDiverged as error:
         held, reason = False, str(error)
-    told = f"{SIMULATED}{engine}, shaken with {_SHAKEN * bears:.2g} m/s^2): {'held' if held else 'lost'}, {reason}"
+    told = f"{SIMULATED}shaken with {_SHAKEN * bears:.2g} m/s^2): {'held' if held else 'lost'}, {reason}"
     if held:
         return replace(plan, notes=(*plan.notes, told)), True
     return replace(plan, cautions=(told, *plan.cautions)), False

@@ -41,7 +41,7 @@ def _list_measured(simulation: Simulation) -> list[tuple[str, str]]:
     verdict = simulation.verdict
     errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in verdict.force_errors.items())
     control = simulation.servo.get("control", simulation.mode)
-    run = f"{simulation.engine}, {control}, step {1e3 * simulation.time_step:g} ms, {simulation.elapsed:.2f} s"
+    run = f"{control}, step {1e3 * simulation.time_step:g} ms, {simulation.elapsed:.2f} s"
     return [
         ("drift since the release", f"{1e3 * verdict.drift:.3f} mm"),
         ("tilt, turn about any axis", f"{verdict.tilt:.3f} deg, {verdict.turn:.3f} deg"),
@@ -53,5 +53,5 @@ def _list_measured(simulation: Simulation) -> list[tuple[str, str]]:
         ("motors at their limits at the end", ", ".join(verdict.saturated) or "none"),
         ("grasp energy at t_F", work_in_words(simulation.grasp_energy, simulation.exponent)),
         ("error of the energy balance", "-" if verdict.energy_error is None else f"{verdict.energy_error:.1e}"),
-        ("engine", run),
+        ("run", run),
     ]

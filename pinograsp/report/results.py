@@ -62,7 +62,7 @@ def answer_simulated(simulation: Simulation, remark: str = "") -> list[Answer]:
     verdict = simulation.verdict
     text = "; ".join(part for part in (verdict.reason, remark) if part)
     ended, level = ("Held", "") if verdict.held else ("Lost", "no")
-    answers = [Answer("Simulated?", f"{ended} ({simulation.engine}): {text}.", level)]
+    answers = [Answer("Simulated?", f"{ended}: {text}.", level)]
     reasons = (("Why lost?", verdict.causes), ("What helps?", verdict.remedies))
     return answers + [Answer(question, f"{'; '.join(texts)}.") for question, texts in reasons if texts]
 

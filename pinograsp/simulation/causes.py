@@ -149,7 +149,7 @@ def _remedies(
             )
             break
     if servo is not None and servo.control == "position" and ratio < _WEAK:
-        remedies.append("the plan's torques as feed-forward (control='position+torque'), or stiffer servos: kp")
+        remedies.append("the plan's torques as feed-forward (control='impedance'), or stiffer servos: kp")
     elif servo is not None and servo.control != "torque" and not _WEAK <= ratio <= _STRONG:
         rubbing = bool(np.any(disturbance.joint_friction))
         if rubbing:
@@ -160,7 +160,7 @@ def _remedies(
                 "positions"
             )
     elif servo is not None and servo.control == "torque":
-        remedies.append("soft servos besides the torques, which keep the fingers in place: control='position+torque'")
+        remedies.append("soft servos besides the torques, which keep the fingers in place: control='impedance'")
     elif servo is not None and any(event.kind == "joint" for event in events):
         remedies.append("stiffer servos, higher kp: they keep the fingers in place")
     if any(event.kind in ("slipped", "opened") for event in events) or not remedies:

@@ -1,4 +1,4 @@
-"""The geometry that the engines simulate: primitives and objects as they are, the hand's meshes as convex hulls."""
+"""The geometry that is simulated: primitives and objects as they are, the hand's meshes as convex hulls."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pinograsp.spatial import Array
 _HOLLOW = 1e-3  # share by which the convex hull's volume exceeds that of a mesh that is not convex
 
 
-def convex(shape: coal.CollisionGeometry, name: str, notes: list[str]) -> coal.ShapeBase | None:
+def make_convex(shape: coal.CollisionGeometry, name: str, notes: list[str]) -> coal.ShapeBase | None:
     """A convex shape of coal, or None where a mesh is flat; what was changed is appended to ``notes``."""
     if not isinstance(shape, coal.BVHModelBase):
         return shape

@@ -285,7 +285,8 @@ def monte_carlo(
     task, common = common_settings(plan, settings)
     _check_hold(errors, common["hold"])
     plain = {name: _plain(value) for name, value in common.items()}
-    header = {"schema": SCHEMA, "seed": seed, "errors": errors.summary(), "settings": plain, "plan": _identity(task)}
+    given = {"engine": "mujoco", **plain}  # trials of another engine, which 0.2.0 had, are not mixed with these
+    header = {"schema": SCHEMA, "seed": seed, "errors": errors.summary(), "settings": given, "plan": _identity(task)}
     log = TrialLog(file, header)
     names = (*errors.kinds, TOGETHER)
     wanted = [(name, trial) for name in names for trial in range(count)]
@@ -416,7 +417,7 @@ def _plain(value: object) -> object:
     """A setting as a JSON value."""
     if isinstance(value, Servo):
         gains = {name: getattr(value, name).tolist() for name in ("stiffness", "damping", "rotor")}
-        return gains if value.control == "position+torque" else {**gains, "control": value.control}
+        return gains if value.control == "impedance" else {**gains, "control": value.control}
     return value.item() if isinstance(value, np.generic) else value
 
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.simulation.dry_friction import rubbing
+from pinograsp.simulation.geometry import object_shape
 from pinograsp.simulation.law import NO_TOUCHES, Displacements, Pressing, Touches, cross
 from pinograsp.simulation.overlaps import Collider
 from pinograsp.simulation.scene import build
 from pinograsp.simulation.settings import Servo
+from pinograsp.simulation.surface import Surface
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, IntArray
 
@@ -78,8 +78,9 @@ class MujocoEngine:
             for name, c in hand.couplings.items()
         ]
         self.object = model.body("object").id
-        # MuJoCo's geometry is convex: overlaps with an object that is not come from coal, as in the other engine.
-        self.collider = None if model.body_geomnum[self.object] else Collider(hand, task.body)
+        # MuJoCo's geometry is convex: overlaps with an object that is not come from coal.
+        shape = object_shape(task.body, [])
+        self.collider = Collider(hand, shape) if isinstance(shape, Surface) else None
         self.object_q, self.object_v = model.jnt_qposadr[model.body_jntadr[self.object]], model.body_dofadr[self.object]
         # Pinocchio's joint of each of MuJoCo's bodies; -1: the object.
         self.part_of_body = np.array(
@@ -89,10 +90,6 @@ class MujocoEngine:
         for body, part in enumerate(self.part_of_body):
             if part > 0:
                 self.body_of_part[part] = body
-
-    def running(self) -> AbstractContextManager[None]:
-        """While steps are made: without the callbacks that others have set, which MuJoCo has for the whole process."""
-        return without_callbacks()
 
     def place(self, q: Array, dq: Array, object_pose: Array | None = None) -> None:
         """Put the hand's joints at q, dq (n,), and the object at rest at a pose (4, 4)."""
@@ -163,7 +160,16 @@ class MujocoEngine:
     def step(
         self, q: Array, dq: Array, feed_forward: Array, touches: Touches, pressing: Pressing, wrench_o: Array
     ) -> None:
-        """One step with servos, see :meth:`pinograsp.simulation.stepping.Engine.step`."""
+        """One step with servos.
+
+        Args:
+            q: positions that the motors hold (n,) [rad or m].
+            dq: their velocities (n,) [rad/s or m/s].
+            feed_forward: torques added to the servos' (n,) [N m or N].
+            touches: of the last :meth:`touches`.
+            pressing: the contact forces there.
+            wrench_o: on the object (6,) [N, N m].
+        """
         data, servo = self.data, self.servo
         data.ctrl[:] = self.servoed * q + (servo.damping * dq + feed_forward) / self.gain
         self._press(touches, pressing, wrench_o)

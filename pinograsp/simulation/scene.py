@@ -11,7 +11,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
-from pinograsp.simulation.geometry import convex, convex_shapes, object_shape
+from pinograsp.simulation.geometry import convex_shapes, make_convex, object_shape
 from pinograsp.simulation.settings import Servo
 from pinograsp.simulation.surface import Surface
 from pinograsp.spatial import Array
@@ -108,7 +108,7 @@ def outline(
         tie.data[:2] = coupling.offset, coupling.factor
         tie.solref, tie.solimp = (COUPLED_STEPS * time_step, 1.0), _STIFF
     for one in hand.geometry.geometryObjects:
-        shape = convex(one.geometry, one.name, notes)
+        shape = make_convex(one.geometry, one.name, notes)
         if shape is not None:
             _add_geom(spec, bodies[one.parentJoint], shape, one.placement, one.name, found | _HAND)
     # MuJoCo integrates the velocity of a body's origin: in the centre of mass, far from it turns would lose digits.

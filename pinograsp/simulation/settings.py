@@ -32,8 +32,8 @@ _STIFFNESSES = (1e-3, 1e4)  # ratios of real to planned contact stiffness: foam 
 _SETTLING = 0.01  # [s] ratio of damping to stiffness
 _LIMP = 0.1  # torque control is damped as servos with this share of the default stiffness
 
-Control = Literal["torque", "position", "position+torque"]
-CONTROLS: tuple[Control, ...] = ("torque", "position", "position+torque")
+Control = Literal["torque", "position", "impedance"]
+CONTROLS: tuple[Control, ...] = ("torque", "position", "impedance")
 Support = Literal["fixed", "table", "none"]
 SUPPORTS: tuple[Support, ...] = ("fixed", "table", "none")
 
@@ -46,7 +46,7 @@ class Servo:
         stiffness: kp (n,) [N m/rad or N/m]; 0 with torque control.
         damping: (n,) [N m s/rad or N s/m].
         rotor: inertia of the motors, reflected to the joints (n,) [kg m^2 or kg].
-        control: ``"position+torque"``: servos, with the plan's torques as feed-forward; ``"position"``: servos alone;
+        control: ``"impedance"``: servos, with the plan's torques as feed-forward; ``"position"``: servos alone;
             ``"torque"``: the plan's torques alone, with the joints' damping.
 
     Raises:
@@ -56,7 +56,7 @@ class Servo:
     stiffness: Array
     damping: Array
     rotor: Array
-    control: Control = "position+torque"
+    control: Control = "impedance"
 
     __repr__ = brief()
 
@@ -73,7 +73,7 @@ class Servo:
         if control == "torque" and np.any(self.stiffness):
             raise InvalidInput(
                 f"servo stiffness: expected 0 with control='torque', got {shown(self.stiffness.tolist())}: leave it "
-                "out, or take control='position+torque'"
+                "out, or take control='impedance'"
             )
 
     @classmethod
@@ -82,7 +82,7 @@ class Servo:
         hand: HandModel,
         stiffness: ArrayLike | None = None,
         damping: ArrayLike | None = None,
-        control: Control = "position+torque",
+        control: Control = "impedance",
     ) -> Servo:
         """Gains for a hand's servos.
 
@@ -108,7 +108,7 @@ class Servo:
         if stiffness is not None and torque:
             raise InvalidInput(
                 f"servo stiffness: expected none with control='torque', got {shown(stiffness)}: leave it out, or take "
-                "control='position+torque'"
+                "control='impedance'"
             )
         if stiffness is not None:
             chosen = _each("servo stiffness", stiffness, hand.n)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Literal, Protocol, TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 import pinocchio as pin
@@ -13,21 +13,21 @@ import pinocchio as pin
 from pinograsp import defaults
 from pinograsp.checks import each_of, flag, frozen, instance_of, number, one_of, read_only
 from pinograsp.errors import InvalidInput
+from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.simulation.causes import causes_of
 from pinograsp.simulation.law import ContactLaw
+from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.sample import Energies, History
 from pinograsp.simulation.settings import SUPPORTS, BaseMotion, Disturbance, Servo, Support
-from pinograsp.simulation.stepping import Engine, Schedule, Trial
+from pinograsp.simulation.stepping import Schedule, Trial
 from pinograsp.simulation.task import Task
 from pinograsp.simulation.verdict import verdict_of
 from pinograsp.spatial import Array, inverse_of
 
-EngineName = Literal["mujoco", "pinocchio"]
 Mode = Literal["servo", "prescribed"]
 
-ENGINES: tuple[EngineName, ...] = ("mujoco", "pinocchio")
 MODES: tuple[Mode, ...] = ("servo", "prescribed")
 TANGENTIAL = 2e4  # [N/m] of a contact's tangential spring
 _SUPPORTED: dict[Support, tuple[str, ...]] = {
@@ -46,7 +46,6 @@ class SimulationSettings(TypedDict, total=False):
     """Keyword arguments of :func:`simulate` that series of simulations share."""
 
     hold: float
-    engine: EngineName
     servo: Servo | None
     time_step: float
     sample: float
@@ -54,12 +53,11 @@ class SimulationSettings(TypedDict, total=False):
     letting_go: float
 
 
-# Twelve options beside the plan: simulations may differ in each of them.
+# Eleven options beside the plan: simulations may differ in each of them.
 def simulate(
     plan: PlanRecord | Task | str | Path,
     *,
     hold: float = defaults.HOLD,
-    engine: EngineName = "mujoco",
     mode: Mode = "servo",
     disturbance: Disturbance | None = None,
     servo: Servo | None = None,
@@ -81,7 +79,6 @@ def simulate(
     Args:
         plan: a plan, the folder of a run, or a task.
         hold: time after the object's support is gone [s]; with a release, at least one step.
-        engine: ``"mujoco"`` (extra ``sim``), or ``"pinocchio"``, which needs nothing else.
         mode: ``"servo"``; or ``"prescribed"``: joints follow the commands exactly, whatever torque that takes (as in
             the paper's Adams model).
         disturbance: differences from the plan.
@@ -103,25 +100,25 @@ def simulate(
     """
     started = time.perf_counter()
     task = task_of(plan, body)
-    engine, mode = one_of("engine", engine, ENGINES), one_of("mode", mode, MODES)
+    one_of("mode", mode, MODES)
     servo = Servo.of(task.hand) if servo is None else instance_of("servo", servo, Servo)
     disturbance = Disturbance() if disturbance is None else instance_of("disturbance", disturbance, Disturbance)
     one_of("support", support, SUPPORTS)
     schedule = _schedule(task, hold, time_step, sample, release, support, letting_go, mode == "prescribed", disturbance)
     friction = each_of("joint friction", disturbance.joint_friction, task.hand.n)
-    made = _engine(engine)(
+    made = MujocoEngine(
         task,
         time_step=schedule.time_step,
         servo=servo.scaled(disturbance.servo_gain),
         mass_factor=disturbance.mass_factor,
         joint_friction=friction,
     )
-    share = {"torque": disturbance.servo_gain, "position": 0.0, "position+torque": 1.0}[servo.control]
+    share = {"torque": disturbance.servo_gain, "position": 0.0, "impedance": 1.0}[servo.control]
     commanded = task if mode == "prescribed" or share == 1.0 else _with_torques(task, share)
     trial = Trial(commanded, made, _law(task, made.parts, disturbance), schedule)
-    with made.running():
+    with without_callbacks():
         trial.run()
-    return _record(trial, engine, mode, servo, time.perf_counter() - started)
+    return _record(trial, mode, servo, time.perf_counter() - started)
 
 
 def _with_torques(task: Task, share: float) -> Task:
@@ -235,25 +232,6 @@ def _stiffest(task: Task, factor: float) -> float:
     return max(tangential, float(factor * K * rho * depth ** (rho - 1)))
 
 
-class _EngineKind(Protocol):
-    """How an engine is built."""
-
-    def __call__(
-        self, task: Task, *, time_step: float, servo: Servo, mass_factor: float, joint_friction: Array | None = None
-    ) -> Engine:
-        """Hand and object of a task."""
-
-
-def _engine(name: EngineName) -> _EngineKind:
-    if name == "pinocchio":
-        from pinograsp.simulation.pinocchio_engine import PinocchioEngine
-
-        return PinocchioEngine
-    from pinograsp.simulation.mujoco_engine import MujocoEngine
-
-    return MujocoEngine
-
-
 def _law(task: Task, parts: int, disturbance: Disturbance) -> ContactLaw:
     """The law for every part of the hand: mu of its planned contacts, or their mean for parts without any."""
     joints = np.array([task.joint_of(link) for link in task.links])
@@ -273,7 +251,7 @@ def _law(task: Task, parts: int, disturbance: Disturbance) -> ContactLaw:
     return ContactLaw(factor * K, damping, rho, each, task.torsion, tangential, counts, places)
 
 
-def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float) -> Simulation:
+def _record(trial: Trial, mode: Mode, servo: Servo, elapsed: float) -> Simulation:
     task, schedule, samples = trial.task, trial.schedule, trial.samples
     light = f"steps of {1e3 * schedule.time_step:.2g} ms: a light object swings fast on its contacts"
     if schedule.disturbance.stiffness > 1.0:
@@ -332,7 +310,6 @@ def _record(trial: Trial, engine: str, mode: Mode, servo: Servo, elapsed: float)
         verdict = replace(verdict, causes=causes, remedies=remedies)
     return Simulation(
         verdict=verdict,
-        engine=engine,
         mode=mode,
         servo=servo.summary() if mode == "servo" else {},
         time_step=schedule.time_step,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from pinograsp.checks import array_of, each_of
 from pinograsp.errors import SimulationDiverged
 from pinograsp.simulation.law import ContactLaw, Pressing, Touches
+from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.sample import Energies, Sample, by_part
 from pinograsp.simulation.settings import Disturbance, Support
 from pinograsp.simulation.table import Table
@@ -22,72 +21,6 @@ from pinograsp.spatial import Array
 
 _SUPPORT = 200.0  # [rad/s] natural frequency of the object on its support
 _FASTEST = 1e3  # [m/s, rad/s] faster than any hand: the simulation has diverged
-
-
-class Engine(Protocol):
-    """Hand and object, stepped in time: :class:`~pinograsp.simulation.pinocchio_engine.PinocchioEngine` says how."""
-
-    parts: int
-    notes: tuple[str, ...]
-    torques: Array
-    friction: Array
-
-    @property
-    def q(self) -> Array:
-        """Joint positions (n,)."""
-
-    @property
-    def dq(self) -> Array:
-        """Joint velocities (n,)."""
-
-    @property
-    def object_pose(self) -> Array:
-        """(4, 4)."""
-
-    @property
-    def object_twist(self) -> Array:
-        """(6,) [m/s, rad/s]."""
-
-    def running(self) -> AbstractContextManager[None]:
-        """While steps are made."""
-
-    def place(self, q: Array, dq: Array, object_pose: Array | None = None) -> None:
-        """Put the joints at q, dq, and the object at rest at a pose."""
-
-    def set_gravity(self, gravity_o: Array) -> None:
-        """Gravity from now on (3,) [m/s^2]."""
-
-    def touches(self) -> Touches:
-        """Where the hand overlaps the object."""
-
-    def potential_energy(self) -> float:
-        """[J]."""
-
-    def kinetic_energy(self) -> float:
-        """[J]."""
-
-    def step(
-        self,
-        q: Array,
-        dq: Array,
-        feed_forward: Array,
-        touches: Touches,
-        pressing: Pressing,
-        wrench_o: Array,
-    ) -> None:
-        """One step with servos.
-
-        Args:
-            q: positions that the motors hold (n,) [rad or m].
-            dq: their velocities (n,) [rad/s or m/s].
-            feed_forward: torques added to the servos' (n,) [N m or N].
-            touches: of the last :meth:`touches`.
-            pressing: the contact forces there.
-            wrench_o: on the object (6,) [N, N m].
-        """
-
-    def step_prescribed(self, ddq: Array, touches: Touches, pressing: Pressing, wrench_o: Array) -> None:
-        """One step with joints that follow the commands exactly."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,7 +67,7 @@ class _Course:
         self.torques = np.column_stack([np.interp(instants, task.times, column) for column in task.torques.T])
         held = instants > end - 0.5 * dt
         self.dq[held], self.torques[held] = 0.0, task.holding_torques
-        if schedule.prescribed:  # the engines integrate a step's velocity to the next position
+        if schedule.prescribed:  # the engine integrates a step's velocity to the next position
             self.dq[1:] = np.diff(self.q, axis=0) / dt
             self.ddq[:-1], self.ddq[-1] = np.diff(self.dq, axis=0) / dt, 0.0
 
@@ -155,7 +88,7 @@ class _Fixture:
         self.weight = np.concatenate([mass * task.gravity_o, np.zeros(3)])
         self.carried: Array | None = None
 
-    def wrench(self, since: float, engine: Engine, touches: Touches, pressing: Pressing) -> Array:
+    def wrench(self, since: float, engine: MujocoEngine, touches: Touches, pressing: Pressing) -> Array:
         """On the object (6,) [N, N m], at a time after t_F [s]."""
         if since >= self.duration:
             return np.zeros(6)
@@ -170,7 +103,7 @@ class _Fixture:
 
 
 class Trial:
-    """One simulation of a task by an engine.
+    """One simulation of a task.
 
     Attributes:
         samples: what was recorded.
@@ -178,7 +111,7 @@ class Trial:
         gone: whether the object was so far away that the simulation ended early.
     """
 
-    def __init__(self, task: Task, engine: Engine, law: ContactLaw, schedule: Schedule):
+    def __init__(self, task: Task, engine: MujocoEngine, law: ContactLaw, schedule: Schedule):
         self.task, self.engine, self.law, self.schedule = task, engine, law, schedule
         self.course, disturbance = _Course(task, schedule), schedule.disturbance
         self.pose = np.array(task.body.shape_pose)

@@ -20,7 +20,7 @@ from pinograsp.errors import InvalidInput, SimulationDiverged
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord
 from pinograsp.simulation.settings import SUPPORTS, Disturbance, Servo
-from pinograsp.simulation.simulate import ENGINES, MODES, Mode, SimulationSettings, simulate, task_of
+from pinograsp.simulation.simulate import MODES, Mode, SimulationSettings, simulate, task_of
 from pinograsp.simulation.task import Task
 from pinograsp.writing import write_errors
 
@@ -82,7 +82,6 @@ def common_settings(plan: PlanRecord | Task | str | Path, settings: StudySetting
     servo = values["servo"]
     return task, TrialSettings(
         hold=number("hold", values["hold"]),
-        engine=one_of("engine", values["engine"], ENGINES),
         mode=one_of("mode", values["mode"], MODES),
         servo=Servo.of(task.hand) if servo is None else instance_of("servo", servo, Servo),
         time_step=number("time step", values["time_step"]),

@@ -164,12 +164,12 @@ def _other_drives(task: Task, settings: TrialSettings) -> Iterator[tuple[str, Se
     if settings["mode"] == "prescribed":
         return
     if servo.control == "torque":
-        yield "the default servos besides the torques, control='position+torque'", Servo.of(task.hand)
+        yield "the default servos besides the torques, control='impedance'", Servo.of(task.hand)
     else:
         if servo.control == "position":
             yield (
-                "the plan's torques as feed-forward, control='position+torque'",
-                replace(servo, control="position+torque"),
+                "the plan's torques as feed-forward, control='impedance'",
+                replace(servo, control="impedance"),
             )
         yield f"servos {_SOFTER:g} times softer, kp", servo.scaled(1 / _SOFTER)
         yield f"servos {_SOFTER:g} times stiffer, kp", servo.scaled(_SOFTER)

@@ -237,7 +237,7 @@ class CheckDocument(Part):
     settled_error: Number | None = None
     causes: Texts = []
     remedies: Texts = []
-    engine: StrictStr
+    engine: StrictStr = "mujoco"  # until 0.2.0 there was a second one
     mode: StrictStr
     servo: dict[StrictStr, Any] = {}
     time_step_s: Number

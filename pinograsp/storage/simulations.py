@@ -82,9 +82,11 @@ def read_simulation(folder: Path) -> Simulation:
         causes=tuple(found.causes),
         remedies=tuple(found.remedies),
     )
+    # As it was written until 0.2.0.
+    servo = {name: "impedance" if value == "position+torque" else value for name, value in found.servo.items()}
+    other = [] if found.engine == "mujoco" else [f"simulated by the engine '{found.engine}' of an earlier version"]
     return Simulation(
         verdict=verdict,
-        engine=found.engine,
         mode=found.mode,
         time_step=found.time_step_s,
         release=found.release_s,
@@ -92,10 +94,10 @@ def read_simulation(folder: Path) -> Simulation:
         parts=tuple(found.planned_forces_N),
         energies={name: arrays[f"energy_{name}"] for name in ENERGIES},
         disturbance=found.disturbance,
-        notes=tuple(found.notes),
+        notes=(*found.notes, *other),
         elapsed=found.elapsed_s,
         exponent=found.contact_exponent,
-        servo=found.servo,
+        servo=servo,
         **{name: arrays[name] for name in _SHAPES},
     )
 

@@ -153,7 +153,6 @@ def _record(scene: ViewScene) -> dict[str, Any]:
         record["simulated"] = {
             "held": simulated.held,
             "reason": simulated.reason,
-            "engine": simulated.engine,
             "link_poses": block.put(simulated.link_poses),
             "object_poses": block.put(simulated.object_poses),
             "parts": list(simulated.parts),

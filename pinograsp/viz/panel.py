@@ -23,7 +23,7 @@ def head(scene: ViewScene) -> str:
     lines.append(_badge(scene.answer.level, scene.answer.text, plan))
     if (check := scene.simulated) is not None:
         verdict = ("yes", "HELD") if check.held else ("no", "LOST")
-        lines.append(_badge(verdict[0], f"simulation: {verdict[1]}", f"{check.reason} ({check.engine})"))
+        lines.append(_badge(verdict[0], f"simulation: {verdict[1]}", check.reason))
     return _boxed("".join(lines))
 
 

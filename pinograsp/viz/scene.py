@@ -54,7 +54,6 @@ class Simulated:
     Attributes:
         held: whether the object stayed in the hand.
         reason: why, in words.
-        engine: that simulated it.
         release: when the object was let go [s]; None: never.
         link_poses: position [m] and quaternion w, x, y, z (f, l, 7).
         object_poses: likewise (f, 7).
@@ -70,7 +69,6 @@ class Simulated:
 
     held: bool
     reason: str
-    engine: str
     release: float | None
     link_poses: Array
     object_poses: Array
@@ -427,7 +425,6 @@ def _simulated(
     return Simulated(
         held=simulation.verdict.held,
         reason=simulation.verdict.reason,
-        engine=simulation.engine,
         release=simulation.release,
         link_poses=links.poses(simulation.q[at]),
         object_poses=sevens(poses[at]),

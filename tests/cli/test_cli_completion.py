@@ -54,7 +54,7 @@ def folder(tmp_path):
         (["pinograsp", "plan", "paper", "--set", "friction.m"], ["friction.mu=", "friction.model="]),
         (["pinograsp", "check", ""], ["runs/paper"]),
         (["pinograsp", "check", "elsewhere/deep/"], ["elsewhere/deep/mine"]),
-        (["pinograsp", "check", "runs/paper", "--control", "pos"], ["position+torque", "position"]),
+        (["pinograsp", "check", "runs/paper", "--control", "pos"], ["position"]),
         (["pinograsp", "export", ""], ["carries/box", "runs/paper"]),
         (["pinograsp", "export", "runs/paper", "--command", "im"], ["impedance"]),
         (["pinograsp", "certify", "--format", "graspn"], ["graspnet"]),
@@ -78,7 +78,6 @@ def test_choices_are_those_that_the_package_takes():
     from pinograsp.hands.load import Masses
     from pinograsp.planner import Search
     from pinograsp.simulation.settings import CONTROLS, SUPPORTS
-    from pinograsp.simulation.simulate import ENGINES
     from pinograsp.sweep.workers import BACKENDS as SWEEPING
 
     for ours, theirs in (
@@ -88,7 +87,6 @@ def test_choices_are_those_that_the_package_takes():
         (completion.FRICTION, get_args(FrictionModel)),
         (completion.MASSES, get_args(Masses)),
         (completion.CONTROLS, CONTROLS),
-        (completion.ENGINES, ENGINES),
         (completion.SUPPORTS, SUPPORTS),
         (completion.BACKENDS, SWEEPING),
         (completion.COMMANDS, COMMANDS),

@@ -70,7 +70,6 @@ OPTIONS = [
     "--offset",
     "--turn",
     "--start-error",
-    "--engine",
     "--time-step",
     "--seed",
     "--out",

@@ -615,7 +615,6 @@ def _fill() -> None:
         pg.simulate,
         plan=w.plan,
         hold=0.01,
-        engine="mujoco",
         mode="servo",
         disturbance=simulation.Disturbance(),
         servo=simulation.Servo.of(hand),
@@ -625,7 +624,7 @@ def _fill() -> None:
         letting_go=0.01,
         body=w.pen,
     )
-    quick = {"hold": 0.01, "time_step": 2e-3, "engine": "mujoco"}
+    quick = {"hold": 0.01, "time_step": 2e-3}
     call(
         simulation.monte_carlo,
         plan=w.plan,

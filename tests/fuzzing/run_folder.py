@@ -183,7 +183,6 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
     return {
         "folder": str(folder / "run"),
         "use": use,
-        "engine": str(rng.choice(["mujoco", "pinocchio"])),
         "deeds": deeds,
     }
 
@@ -213,7 +212,7 @@ def run(case: dict) -> str:
         elif use == "scene":
             scene_of(loaded, check)
         elif use == "simulate":
-            simulate(loaded, hold=0.002, time_step=1e-3, letting_go=0.002, sample=0.02, engine=case["engine"])
+            simulate(loaded, hold=0.002, time_step=1e-3, letting_go=0.002, sample=0.02)
         else:
             trajectory = joint_trajectory(loaded, rate=50)
             trajectory.to_csv(folder / "a.csv")

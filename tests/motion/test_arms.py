@@ -78,7 +78,7 @@ def test_an_arms_grasp_is_kept_and_simulated(tmp_path):
     hand, plan = grasp(UPRIGHT, (0.0, 0.0, -9.81))
     again = pg.load_run(pg.save_run(plan, tmp_path / "run"))
     assert np.array_equal(again.motion.torques, plan.motion.torques) and again.hand.joint_names == hand.joint_names
-    assert pg.simulate(plan, engine="pinocchio", hold=0.1, time_step=5e-4).verdict.held
+    assert pg.simulate(plan, hold=0.1, time_step=5e-4).verdict.held
 
 
 def between_jaws(hand):

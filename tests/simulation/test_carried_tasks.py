@@ -43,22 +43,20 @@ def longer(task, q):
     )
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
-def test_commands_that_stay_are_a_longer_hold(task, engine):
+def test_commands_that_stay_are_a_longer_hold(task):
     still = longer(task, task.q[-1])
     assert task.way == 0.0 and still.way == pytest.approx(MORE)
-    one = simulate(replace(task, dq=still.dq[:-1]), hold=HOLD + MORE, engine=engine, **FREE)
-    two = simulate(still, hold=HOLD, engine=engine, **FREE)
+    one = simulate(replace(task, dq=still.dq[:-1]), hold=HOLD + MORE, **FREE)
+    two = simulate(still, hold=HOLD, **FREE)
     np.testing.assert_allclose(two.times, one.times, atol=1e-12)
     np.testing.assert_allclose(two.object_poses, one.object_poses, atol=1e-9)
     assert one.verdict.held and two.verdict.held
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
-def test_commands_after_the_release_are_followed_and_then_held(task, engine):
+def test_commands_after_the_release_are_followed_and_then_held(task):
     """Jaws that open there lose the object, of which the last command is the cause."""
     opened = task.q[0]
-    seen = simulate(longer(task, opened), hold=HOLD, engine=engine, **FREE)
+    seen = simulate(longer(task, opened), hold=HOLD, **FREE)
     assert not seen.verdict.held
     assert seen.release == pytest.approx(task.final_time)
     assert np.abs(seen.q[-1] - task.q[-1]).max() > 0.5 * np.abs(opened - task.q[-1]).max()

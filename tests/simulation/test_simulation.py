@@ -417,28 +417,24 @@ def test_steps_that_are_too_long_are_told(plan):
         assert simulation.verdict.held, "not held"
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
-def test_nothing_is_held_without_friction_however_short_or_coarse(brisk, engine):
+def test_nothing_is_held_without_friction_however_short_or_coarse(brisk):
     for settings in ({"hold": 0.1}, {"hold": 0.5, "sample": 0.05}, {"hold": 0.3, "letting_go": 0.0}):
-        assert not simulate(
-            brisk, disturbance=Disturbance(mu=0.0), time_step=1e-3, engine=engine, **settings
-        ).verdict.held
+        assert not simulate(brisk, disturbance=Disturbance(mu=0.0), time_step=1e-3, **settings).verdict.held
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
 @pytest.mark.parametrize("settings", [{}, {"mode": "prescribed"}, {"letting_go": 0.0}], ids=str)
-def test_an_object_that_flies_off_at_once_is_lost(brisk, engine, settings, tmp_path, monkeypatch):
+def test_an_object_that_flies_off_at_once_is_lost(brisk, settings, tmp_path, monkeypatch):
     """A thing of a milligram among forces of newtons leaves within the first step: far away is not held, whatever was
     seen of it.
     """
     monkeypatch.chdir(tmp_path)
     light = Disturbance(mass_factor=1e-6)
-    simulation = simulate(brisk, disturbance=light, time_step=1e-3, engine=engine, **settings)
+    simulation = simulate(brisk, disturbance=light, time_step=1e-3, **settings)
     assert not simulation.verdict.held and "away" in simulation.verdict.reason
     start = simulation.object_poses[simulation.complete]
     assert start[:3, 3] == pytest.approx(brisk.problem.object.pose[:3, 3], abs=1e-12)  # as planned, when it is let go
     assert simulation.verdict.drift > 0.05 and simulation.drift[-1] == pytest.approx(simulation.verdict.drift)
-    outcome = run_trial(common_settings(brisk, {"time_step": 1e-3, "engine": engine, **settings}), light)
+    outcome = run_trial(common_settings(brisk, {"time_step": 1e-3, **settings}), light)
     assert not outcome.held and outcome.drift > 0.05
     assert not any(tmp_path.iterdir())  # no log of MuJoCo's
 
@@ -680,7 +676,6 @@ def test_check_refuses_what_it_cannot_read(command, brisk, tmp_path):
         ["--push", "1,2"],
         ["--shake", "a,b,c"],
         ["--mass", "-1"],
-        ["--engine", "adams"],
         ["--hold", "-1"],
     ):
         code, _, told = command("check", str(folder), *option)
@@ -698,7 +693,6 @@ def test_check_refuses_what_it_cannot_read(command, brisk, tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"engine": "adams"}, "engine: expected one of"),
         ({"mode": "sideways"}, "mode: expected one of"),
         ({"hold": -1.0}, "hold: expected"),
         ({"hold": 0.0}, "hold: expected at least one step"),

@@ -261,7 +261,6 @@ def test_other_settings_are_refused(task, study):
         ({"errors": replace(ROUGH, mass=0.4)}, "errors.mass"),
         ({"hold": 0.7}, "settings.hold"),
         ({"servo": Servo.of(task.hand, stiffness=1e4)}, "settings.servo.stiffness"),
-        ({"engine": "pinocchio"}, "settings.engine"),
     ):
         with pytest.raises(InvalidInput, match=f"other settings .*{named}"):
             monte_carlo(task, **same | change)

@@ -487,7 +487,7 @@ def test_a_strangers_folder_is_safe_to_read(plan, tmp_path):
 def whole(plan, tmp_path_factory):
     """A run and a simulation of it, on disk."""
     folder = save_run(plan, tmp_path_factory.mktemp("whole") / "run")
-    simulation = simulate(plan, hold=0.01, time_step=1e-3, letting_go=0.01, sample=0.02, engine="pinocchio")
+    simulation = simulate(plan, hold=0.01, time_step=1e-3, letting_go=0.01, sample=0.02)
     (folder / "check").mkdir()
     write_simulation(simulation, folder / "check", {})
     back = read_check(folder / "check")
@@ -496,6 +496,23 @@ def whole(plan, tmp_path_factory):
     assert all(np.array_equal(array, arrays[name]) for name, array in simulation.arrays().items())
     load_run(folder)
     return folder
+
+
+def test_checks_of_earlier_versions_are_read(whole, tmp_path):
+    """Before there were causes, of another engine, and with another word for servos with feed-forward."""
+    shutil.copytree(whole / "check", tmp_path / "check")
+    file = tmp_path / "check" / "check.json"
+    document = json.loads(file.read_text())
+    del document["causes"], document["remedies"]
+    for engine, noted in (("mujoco", False), ("pinocchio", True)):
+        document |= {"engine": engine, "servo": {"control": "position+torque", "stiffness": 50.0}}
+        file.write_text(json.dumps(document), encoding="utf-8")
+        old = read_check(tmp_path / "check")
+        assert old.verdict.causes == () and old.servo["control"] == "impedance"
+        assert any("'pinocchio'" in note for note in old.notes) == noted
+    del document["servo"]
+    file.write_text(json.dumps(document), encoding="utf-8")
+    assert read_check(tmp_path / "check").servo == {}
 
 
 def put(document: dict, path: str, value) -> None:
