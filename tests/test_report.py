@@ -90,7 +90,7 @@ def test_the_answer_comes_first(run, simulated):
     assert f"{millijoules}{number(1e3 * run.forces.work / 2.5)} mJ" in told["How much energy?"]
     assert "proven" in told["How much energy?"] and f"{run.margins.load_factor:.3g} times" in told["Which margin?"]
     assert "pinograsp check" in told["Simulated?"]
-    assert "Lost (mujoco): it fell" in answers(run, simulated["lost"])["Simulated?"]
+    assert "Lost: it fell" in answers(run, simulated["lost"])["Simulated?"]
     for changed, expected in (
         (replace(run, balance="force"), "moments are not balanced"),
         (ended(run, Status.UNBALANCED), "Almost"),
