@@ -77,6 +77,7 @@ OWNERS = {
     "typer": {"cli"},
     "rich": {"cli"},
     "tqdm": {"forces", "synthesis", "simulation", "viz", "sweep"},
+    "filelock": {"writing"},
     "joblib": {"interrupts", "synthesis", "simulation", "sweep"},
     "cloudpickle": {"synthesis", "simulation"},
     "pyarrow": {"sweep"},

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from pinograsp.errors import InvalidInput, ResultsNotWritten
-from pinograsp.writing import lock, place_of, write_errors
+from pinograsp.writing import InUse, lock, mark, place_of, write_errors
 
 _SAME = 1e-6  # relative difference below which values of two headers are equal: planning again reproduces no more
 
@@ -64,7 +64,7 @@ class TrialLog:
 
     def __exit__(self, *_: object) -> None:
         if self._file is not None:
-            self._file.file.close()
+            self._file.close()
 
 
 class _LogFile:
@@ -72,24 +72,24 @@ class _LogFile:
 
     def __init__(self, path: Path, header: dict[str, Any], rows: dict[tuple[str, int], TrialRow]):
         self.path, self.head = path, _line(header)
-        with write_errors(path):
-            place_of(path).parent.mkdir(parents=True, exist_ok=True)
-            self.file: FileIO = path.open("a+b", buffering=0)
-        try:
+        with contextlib.ExitStack() as held:
             with write_errors(path):
-                if lock(self.file.fileno()) is False:
+                place = place_of(path)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                try:
+                    held.enter_context(lock(mark(place), 0))
+                except InUse:
                     raise ResultsNotWritten(
                         f"another process is writing trials to '{path}': wait for it, or give another folder"
-                    )
+                    ) from None
+                self.file: FileIO = held.enter_context(path.open("a+b", buffering=0))
                 self.file.seek(0)
                 kept = self.file.read()
             lines = kept[: kept.rfind(b"\n") + 1]  # without an incomplete last line
             self._read(lines, kept, header, rows)
             with write_errors(path):
                 self.file.truncate(len(lines))
-        except BaseException:
-            self.file.close()
-            raise
+            self.close = held.pop_all().close
         self.size = len(lines)
 
     def _read(

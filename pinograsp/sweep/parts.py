@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
 import json
@@ -10,18 +11,19 @@ import re
 from collections.abc import Collection, Iterable
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pinograsp.checks import one_line
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
 from pinograsp.words import printable
-from pinograsp.writing import ASIDE, discard, is_still, lock, place_of, sweep, write_errors, write_file
+from pinograsp.writing import ASIDE, MOMENT, InUse, discard, left_over, lock, place_of, write_errors, write_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 # Readers of folders, such as pyarrow's, ignore names with these first characters.
-MANIFEST, _LOCK = "_manifest.json", ".lock"
+MANIFEST = "_manifest.json"
+_OURS = f"{ASIDE}rows"  # the mark whose lock a folder is under
 _PART = re.compile(r"part-(\d{6,})-(\d{6,})\.parquet")
 _KINDS = {"hash": str, "settings": dict, "versions": dict}  # what a manifest has
 _SHOWN = 5  # differences that a message names
@@ -47,7 +49,7 @@ class Parts:
     def __init__(self, folder: Path, work: Work, settings: dict[str, Any], more: dict[str, Any]):
         need_pyarrow(work)
         self.folder, self.work = folder, work
-        self.lock: TextIO | None = None
+        self._held = contextlib.ExitStack()
         text = json.dumps(settings, sort_keys=True)
         manifest = {
             "schema": work.schema,
@@ -68,11 +70,13 @@ class Parts:
         path, noun = self.folder / MANIFEST, self.work.noun
         self._refuse_others()
         self.folder.mkdir(parents=True, exist_ok=True)
-        if os.path.lexists(self.folder / _LOCK) and not os.path.isfile(self.folder / _LOCK):
-            raise ResultsNotWritten(f"'{self.folder / _LOCK}': expected a file, got something else: remove it")
-        self.lock = (self.folder / _LOCK).open("a")
-        if lock(self.lock.fileno()) is False:
-            raise ResultsNotWritten(f"folder '{self.folder}': another {noun} is writing there: wait for it, or stop it")
+        try:
+            self._held.enter_context(lock(self.folder / _OURS, MOMENT))
+        except InUse:
+            raise ResultsNotWritten(
+                f"folder '{self.folder}': another {noun} is writing there: wait for it, or stop it"
+            ) from None
+        self._lock = os.stat(self.folder / f"{_OURS}.lock")  # nothing else is this while it is open
         self._refuse_others()
         if path.exists():
             found = manifest_of(self.folder, self.work)
@@ -90,7 +94,8 @@ class Parts:
                 )
         else:
             write_file(path, (json.dumps(manifest, indent=2) + "\n").encode())
-        sweep(self.folder, discard)
+        for entry in left_over(self.folder):
+            discard(entry)
         live, stale = live_parts(self.folder)
         for one in stale:
             one.unlink()
@@ -100,9 +105,7 @@ class Parts:
     def _refuse_others(self) -> None:
         """Raise where the folder holds other files and no manifest."""
         if self.folder.exists() and not (self.folder / MANIFEST).exists():
-            foreign = sorted(
-                one.name for one in self.folder.iterdir() if one.name != _LOCK and not one.name.startswith(ASIDE)
-            )
+            foreign = sorted(one.name for one in self.folder.iterdir() if not one.name.startswith(ASIDE))
             if foreign:
                 raise ResultsNotWritten(
                     f"folder '{self.folder}' holds files that no {self.work.noun} wrote ({', '.join(foreign[:5])}): "
@@ -111,8 +114,11 @@ class Parts:
 
     def write(self, table: pa.Table) -> None:
         """Write the part number ``next``, again where it was written and not counted: an interruption doubles none."""
-        locked = self.lock is not None and is_still(self.lock.fileno(), self.folder / _LOCK)
-        if not locked or not (self.folder / MANIFEST).exists():
+        try:
+            ours = os.path.samestat(os.stat(self.folder / f"{_OURS}.lock"), self._lock)
+        except OSError:
+            ours = False
+        if not ours or not (self.folder / MANIFEST).exists():
             raise ResultsNotWritten(
                 f"folder '{self.folder}' was removed, or another has taken its place, while a {self.work.noun} was "
                 "writing there"
@@ -152,8 +158,7 @@ class Parts:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.lock is not None:
-            self.lock.close()
+        self._held.close()
 
 
 def need_pyarrow(work: Work) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pinograsp.checks import instance_of, path_of
 from pinograsp.errors import ResultsNotWritten
-from pinograsp.writing.locks import ASIDE, alive, locked, staged, sweep
+from pinograsp.writing.locks import ASIDE, is_live, left_over, lock, mark, stage, staged
 
 LISTING = "files.txt"
 _HEADER = "# Written by pinograsp: overwriting removes these files, and no others."
@@ -33,19 +33,23 @@ def write_file(path: str | Path, content: bytes) -> Path:
         if place.exists() and not place.is_file():
             raise ResultsNotWritten(f"cannot write '{path}': expected the path of a file, and it is something else")
         place.parent.mkdir(parents=True, exist_ok=True)
-        sweep(place.parent, discard)
-        staging, handle = staged(place.parent / ASIDE, folder=False)
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(content)
-                stream.flush()
-                os.fsync(stream.fileno())  # renamed before its content is on disk, it could be empty after a power cut
-                if place.exists():
-                    os.fchmod(stream.fileno(), place.stat().st_mode & 0o777)
-                staging.replace(place)
-        except BaseException:
-            staging.unlink(missing_ok=True)
-            raise
+        with lock(mark(place)):
+            for left in left_over(place.parent):
+                discard(left)
+            staging = stage(mark(place))
+            try:
+                with open(staging, "xb") as stream:
+                    stream.write(content)
+                    stream.flush()
+                    os.fsync(
+                        stream.fileno()
+                    )  # renamed before its content is on disk, it could be empty after a power cut
+                    if place.exists():
+                        os.fchmod(stream.fileno(), place.stat().st_mode & 0o777)
+                os.replace(staging, place)
+            finally:
+                for left in staged(mark(place)):
+                    discard(left)
     return path
 
 
@@ -62,7 +66,7 @@ def list_in(folder: str | Path, *paths: str | Path) -> None:
         places = [(place_of(path), "/" if str(path).endswith("/") else "") for path in paths]
         inner = {place.relative_to(folder).as_posix() + end for place, end in places if place.is_relative_to(folder)}
         if inner and listing_of(folder) is not None:
-            with locked(folder):
+            with lock(folder / f"{ASIDE}listing"):
                 write_listing(folder, (listing_of(folder) or set()) | inner)
 
 
@@ -145,7 +149,7 @@ def _within(folder: Path, prefix: str, listed: set[str]) -> Iterator[tuple[Path,
     for entry in sorted(os.scandir(folder), key=lambda one: one.name):
         path, name = Path(entry.path), prefix + entry.name
         if entry.name.startswith(ASIDE):
-            yield path, alive(path) is False
+            yield path, not is_live(path)
         elif not entry.is_dir(follow_symlinks=False):
             if name != LISTING:
                 yield path, name in listed

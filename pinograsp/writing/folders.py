@@ -5,16 +5,14 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import errno
-import hashlib
 import itertools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pinograsp.checks import flag, path_of
 from pinograsp.errors import ResultsNotWritten
 from pinograsp.writing.files import (
-    LISTING,
     cut,
     discard,
     entries,
@@ -26,11 +24,10 @@ from pinograsp.writing.files import (
     write_errors,
     write_listing,
 )
-from pinograsp.writing.locks import ASIDE, alive, locked, staged, sweep
+from pinograsp.writing.locks import ASIDE, MOMENT, InUse, is_live, left_over, lock, mark, stage, staged
 
-_RETIRED = (
-    ".pinograsp.old-"  # begins the name of what is being replaced, where two folders cannot change places at once
-)
+# Begins the name of what is being replaced, where two folders cannot change places at once.
+_RETIRED = ".pinograsp.old"
 _EXCHANGE = 2  # Linux: RENAME_EXCHANGE
 _OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR)
 
@@ -49,11 +46,14 @@ class NewFolder:
 
     def __init__(self, folder: str | Path, *, force: bool = False):
         self.path, self.force = path_of("folder", folder), flag("force", force)
-        self.created: list[Path] = []
-        with write_errors(self.path):
+        with write_errors(self.path), contextlib.ExitStack() as undo:
             self.place = place_of(self.path)
             self._check(self.place)
-            self.staging, self.handle = _claimed(self.place, self.created, lambda: self._check(self.place))
+            undo.enter_context(_claim(self.place, mark(self.place)))
+            _restore(self.place)
+            self._check(self.place)
+            self.staging = undo.enter_context(_staging(mark(self.place)))
+            self._undo = undo.pop_all()
 
     @classmethod
     def fresh(cls, name: str, beside: Path) -> NewFolder:
@@ -63,7 +63,7 @@ class NewFolder:
         for count in itertools.count(1):
             folder = beside / (safe_name(name) if count == 1 else f"{safe_name(name)}-{count}")
             if not os.path.lexists(folder):
-                with contextlib.suppress(_Taken):
+                with contextlib.suppress(InUse):
                     return cls(folder)
         raise AssertionError
 
@@ -81,11 +81,10 @@ class NewFolder:
             for path in (*files, self.staging):
                 flush(path)
             try:
-                with locked(self.place.parent):
-                    while not self._moved():
-                        pass
+                while not self._take_place():
+                    pass
             except ResultsNotWritten as refusal:
-                raise ResultsNotWritten(f"{refusal}; the results are in '{self._kept_beside()}'") from None
+                raise ResultsNotWritten(f"{refusal}; the results are in '{self._keep_beside()}'") from None
             finally:
                 flush(self.place.parent)
         return self.path
@@ -107,7 +106,7 @@ class NewFolder:
         if not any(place.iterdir()):
             return
         if not self.force:
-            raise _Taken(
+            raise InUse(
                 f"folder '{self.path}' already exists: choose another one (--out), or replace it (force=True, --force)"
             )
         foreign = [path for path, ours in entries(place) if not ours]
@@ -124,46 +123,32 @@ class NewFolder:
                 "--out"
             )
 
-    def _moved(self) -> bool:
+    def _take_place(self) -> bool:
         """Whether the staging folder has taken its place; False where something has just come there."""
         self._check(self.place)
         if not self.place.exists() or not any(self.place.iterdir()):
-            try:
-                os.rename(self.staging, self.place)  # never over a file, nor over a folder with something in it
-            except OSError as error:
-                if error.errno in _OCCUPIED:
-                    return False
-                raise
-            return True
-        with locked(self.place):
-            self._check(self.place)
+            return _rename(self.staging, self.place)
+        _exchange(self.staging, self.place)
+        try:
+            self._check(self.staging)
+        except ResultsNotWritten:  # something came between the two
             _exchange(self.staging, self.place)
-            try:
-                self._check(self.staging)
-            except ResultsNotWritten:  # something came between the two
-                _exchange(self.staging, self.place)
-                raise
-            discard(self.staging)
+            raise
+        discard(self.staging)
         return True
 
-    def _kept_beside(self) -> Path:
+    def _keep_beside(self) -> Path:
         for count in itertools.count(2):
-            kept = self.place.with_name(f"{cut(self.place.name, 200)}-{count}")
-            if not os.path.lexists(kept):
-                try:
-                    os.rename(self.staging, kept)
-                except OSError as error:
-                    if error.errno not in _OCCUPIED:
-                        raise
-                else:
-                    return kept
+            beside = self.place.with_name(f"{cut(self.place.name, 200)}-{count}")
+            if not os.path.lexists(beside) and _rename(self.staging, beside):
+                return beside
         raise AssertionError
 
     def __enter__(self) -> NewFolder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        _given_up((self.staging, self.handle), self.created)
+        self._undo.close()
 
 
 def write_folder(folder: str | Path | NewFolder, fill: Callable[[Path], None], *, force: bool = False) -> Path:
@@ -183,9 +168,8 @@ def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:
     """
     with write_errors(folder):
         place = place_of(folder)
-        created: list[Path] = []
-        claim = staging, _ = _claimed(place / LISTING, created)
-        try:
+        added = place / f"{ASIDE}added"
+        with _claim(added, added), _staging(added) as staging:
             fill(staging)
             new = sorted(staging.iterdir())
             for path in new:
@@ -193,66 +177,60 @@ def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:
             list_in(place, *(place / path.name for path in new))
             for path in new:
                 path.replace(place / path.name)
-        finally:
-            _given_up(claim, created)
 
 
-class _Taken(ResultsNotWritten):
-    """The name is taken: another one may be free."""
-
-
-def _claimed(place: Path, created: list[Path], check: Callable[[], None] = lambda: None) -> tuple[Path, int]:
-    """A new staging folder for ``place``, and the handle that locks it; folders created on the way join ``created``."""
+@contextlib.contextmanager
+def _claim(place: Path, mark_of_place: Path) -> Iterator[None]:
+    """Hold a place; folders on the way to it are made, and removed again where nothing came of them."""
     parent = place.parent
-    created += [one for one in (parent, *parent.parents) if not one.exists()]
+    created = [folder for folder in (parent, *parent.parents) if not folder.exists()]
     try:
-        for attempt in itertools.count():
-            with contextlib.ExitStack() as locks:
+        with contextlib.ExitStack() as locks:
+            for attempt in range(100):
                 try:
                     parent.mkdir(parents=True, exist_ok=True)
-                    locks.enter_context(locked(parent))
+                    locks.enter_context(lock(mark_of_place, MOMENT))
+                    break
+                except InUse:
+                    raise InUse(
+                        f"another process is writing '{place}': wait for it, or choose another folder"
+                    ) from None
                 except FileNotFoundError:  # another writer has just removed it again
-                    if attempt == 100:
+                    if attempt == 99:
                         raise
-                    continue
-                if place.is_dir():
-                    locks.enter_context(locked(place))
-                _restore(place)
-                sweep(parent, discard)
-                if _is_claimed(place):
-                    raise _Taken(f"another process is writing '{place}': wait for it, or choose another folder")
-                if listing_of(parent) is not None and _is_claimed(parent):
-                    raise ResultsNotWritten(
-                        f"another process is writing '{parent}': wait for it, or choose another folder"
-                    )
-                check()
-                return staged(parent / f"{ASIDE}{_mark(place)}", folder=True)
-    except BaseException:
-        _given_up(None, created)
-        raise
-    raise AssertionError
+            if listing_of(parent) is not None and is_live(mark(parent)):
+                raise ResultsNotWritten(f"another process is writing '{parent}': wait for it, or choose another folder")
+            for path in (*staged(mark_of_place), *left_over(parent)):
+                discard(path)
+            yield
+    finally:
+        for folder in created:
+            with contextlib.suppress(OSError):  # there is something in it
+                folder.rmdir()
 
 
-def _given_up(claim: tuple[Path, int] | None, created: list[Path]) -> None:
-    """The end of a claim: what was not moved into its place is removed."""
-    if claim is not None:
-        staging, handle = claim
+@contextlib.contextmanager
+def _staging(mark: Path) -> Iterator[Path]:
+    """A new folder under a mark, removed again where it is not moved."""
+    staging = stage(mark)
+    staging.mkdir()
+    try:
+        yield staging
+    finally:
         with contextlib.suppress(OSError):
             if staging.exists():
                 discard(staging)
-        os.close(handle)
-    for folder in created:
-        with contextlib.suppress(OSError):  # there is something in it
-            folder.rmdir()
 
 
-def _mark(place: Path) -> str:
-    """What stands for a name in those of its staging entries, however long it is."""
-    return f"{hashlib.sha256(os.fsencode(place.name)).hexdigest()[:12]}-"
-
-
-def _is_claimed(place: Path) -> bool:
-    return any(alive(path) for path in place.parent.glob(f"{ASIDE}{_mark(place)}*"))
+def _rename(folder: Path, place: Path) -> bool:
+    """Whether a folder has got a name: never that of a file, nor of a folder with something in it."""
+    try:
+        os.rename(folder, place)
+    except OSError as error:
+        if error.errno not in _OCCUPIED:
+            raise
+        return False
+    return True
 
 
 def _exchange(one: Path, other: Path) -> None:
@@ -270,7 +248,7 @@ def _exchange(one: Path, other: Path) -> None:
         failure = ctypes.get_errno()
     if failure not in (errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP):
         raise OSError(failure, os.strerror(failure), str(other))
-    retired = other.with_name(f"{_RETIRED}{_mark(other)}{os.urandom(4).hex()}")
+    retired = other.with_name(f"{_retired(other)}{os.urandom(4).hex()}")
     os.rename(other, retired)
     try:
         os.rename(one, other)
@@ -280,9 +258,13 @@ def _exchange(one: Path, other: Path) -> None:
     os.rename(retired, one)
 
 
+def _retired(place: Path) -> str:
+    return f"{_RETIRED}-{mark(place).name.removeprefix(ASIDE)}-"
+
+
 def _restore(place: Path) -> None:
     """What a writer killed between two renames has left: back in its place, or away if the new one got there."""
-    for retired in place.parent.glob(f"{_RETIRED}{_mark(place)}*"):
+    for retired in place.parent.glob(f"{_retired(place)}*"):
         if place.exists():
             discard(retired)
         else:

@@ -1,106 +1,92 @@
-"""Who is writing: staging entries, and locks of files and folders themselves, which leave nothing behind."""
+"""Who is writing: a lock file beside what is being written, which is removed with the lock."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
+import hashlib
 import os
-import time
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from pinograsp.errors import ResultsNotWritten
 
 ASIDE = ".pinograsp-"  # how the name of an entry begins until it is complete
-_PATIENCE = 10.0  # [s] for another writer's last step, which takes milliseconds
-_NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL, errno.EBADF, errno.EISDIR)
+PATIENCE = 10.0  # [s] for another writer's last step, which takes milliseconds
+MOMENT = 0.2  # [s] for another process that looks whether somebody is writing
+_NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL, errno.EBADF)
+_MARK = re.compile(rf"{re.escape(ASIDE)}\w+")
 
 
-def staged(start: Path, folder: bool) -> tuple[Path, int]:
-    """A new file or folder, locked: path and handle."""
-    while True:
-        path = start.with_name(start.name + os.urandom(4).hex())
-        if folder:
-            path.mkdir()
-        else:
-            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
-        try:
-            handle = os.open(path, os.O_RDONLY if folder else os.O_WRONLY)
-        except FileNotFoundError:  # taken for one whose writer was killed
-            continue
-        while lock(handle) is False:
-            time.sleep(0.001)
-        if is_still(handle, path):
-            return path, handle
-        os.close(handle)
+class InUse(ResultsNotWritten):
+    """Another process is writing there."""
 
 
-def alive(path: Path) -> bool | None:
-    """Whether a staging entry is being written; None where that cannot be known."""
-    for _ in range(10):
-        locked = _do_if_left_over(path, lambda path: None)
-        if locked is not False:
-            break
-        time.sleep(0.01)  # it may be just being removed
-    return None if locked is None else not locked
+def mark(place: Path) -> Path:
+    """How the names of all entries begin that stand for a place while it is written, however long its own name is."""
+    return place.with_name(ASIDE + hashlib.sha256(os.fsencode(place.name)).hexdigest()[:12])
 
 
-def sweep(folder: Path, remove: Callable[[Path], None]) -> None:
-    """Remove what writers that were killed have left in a folder."""
-    for path in folder.glob(f"{ASIDE}*"):
-        _do_if_left_over(path, remove)
-
-
-def _do_if_left_over(path: Path, do: Callable[[Path], None]) -> bool | None:
-    """Whether a staging entry has no writer, so that ``do(path)`` was called; None where that cannot be known."""
-    try:
-        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:  # gone, or not ours
-        return None
-    try:
-        locked = lock(handle)
-        if locked and is_still(handle, path):
-            do(path)
-        return locked
-    finally:
-        os.close(handle)
+def stage(mark: Path) -> Path:
+    """A new name under a mark."""
+    return mark.with_name(f"{mark.name}-{os.urandom(4).hex()}")
 
 
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder, for a moment."""
-    end = time.monotonic() + _PATIENCE
-    while True:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+def lock(mark: Path, patience: float = PATIENCE) -> Iterator[None]:
+    """Hold the lock of a mark, or any other path.
+
+    Raises:
+        InUse: another process holds it for more than ``patience`` seconds.
+    """
+    from filelock import FileLock, SoftFileLock, Timeout  # 50 ms, for asyncio
+
+    path = f"{mark}.lock"
+    held = FileLock(path, thread_local=False)
+    try:
         try:
-            while lock(handle) is False:
-                if time.monotonic() > end:
-                    raise ResultsNotWritten(f"another process keeps folder '{folder}' locked: wait for it, or stop it")
-                time.sleep(0.01)
-            if is_still(handle, folder):
-                yield
-                return
-        finally:
-            os.close(handle)
-
-
-def lock(handle: int) -> bool | None:
-    """Whether an open file or folder is now locked for this process; None where there are no locks."""
+            held.acquire(timeout=patience, poll_interval=0.01)
+        except Timeout:
+            raise
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+            with contextlib.suppress(FileNotFoundError):
+                if not os.path.getsize(path):  # of the attempt above
+                    os.unlink(path)
+            held = SoftFileLock(path, thread_local=False)
+            held.acquire(timeout=patience, poll_interval=0.01)
+    except Timeout:
+        raise InUse(f"another process keeps '{path}' locked: wait for it, or stop it") from None
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+        yield
+    finally:
+        Path(path).unlink(missing_ok=True)  # still locked: who waits for this file sees that it is gone
+        held.release()
+
+
+def is_live(entry: Path) -> bool:
+    """Whether somebody is writing what an entry, or a mark, stands for."""
+    if (found := _MARK.match(entry.name)) is None:
         return False
-    except OSError as error:
-        if error.errno in _NO_LOCKS:
-            return None
-        raise
-    return True
-
-
-def is_still(handle: int, path: Path) -> bool:
-    """Whether an open file or folder is still what is found under its path."""
+    mark = entry.with_name(found[0])
+    if not os.path.lexists(f"{mark}.lock"):
+        return False
     try:
-        return os.path.samestat(os.fstat(handle), os.stat(path, follow_symlinks=False))
-    except FileNotFoundError:
-        return False
+        with lock(mark, 0):
+            return False
+    except (OSError, ResultsNotWritten):
+        return True
+
+
+def staged(mark: Path) -> list[Path]:
+    """What lies under a mark: what is being written, or was when its writer was killed."""
+    return [mark, *mark.parent.glob(f"{mark.name}-*")]
+
+
+def left_over(folder: Path) -> Iterator[Path]:
+    """What writers that were killed have left in a folder; their marks are locked while each is looked at."""
+    for name in {found[0] for path in folder.glob(f"{ASIDE}*") if (found := _MARK.match(path.name))}:
+        with contextlib.suppress(OSError, InUse), lock(folder / name, 0):
+            yield from staged(folder / name)

@@ -16,7 +16,17 @@ import pytest
 from killing import start_and_kill
 
 from pinograsp.errors import InvalidInput, ResultsNotWritten
-from pinograsp.writing import NewFolder, add_files, files, folders, list_in, locks, safe_name, write_file, write_folder
+from pinograsp.writing import (
+    NewFolder,
+    add_files,
+    folders,
+    list_in,
+    lock,
+    mark,
+    safe_name,
+    write_file,
+    write_folder,
+)
 from pinograsp.writing.files import listing_of
 
 PARTS = ("a.txt", "b.txt", "c.txt")
@@ -231,15 +241,12 @@ def test_a_run_is_not_replaced_under_what_is_being_written_into_it(tmp_path):
     assert texts(run) == whole("2")
 
 
-def test_a_lock_that_somebody_keeps_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(locks, "_PATIENCE", 0.05)
-    handle = os.open(tmp_path, os.O_RDONLY)
-    fcntl.flock(handle, fcntl.LOCK_EX)
-    try:
-        with pytest.raises(ResultsNotWritten, match="keeps folder .* locked"):
+def test_a_lock_that_somebody_keeps_is_told(tmp_path):
+    with lock(mark(tmp_path / "run")):
+        with pytest.raises(ResultsNotWritten, match="another process is writing"):
             write_folder(tmp_path / "run", filling("1"))
-    finally:
-        os.close(handle)
+        with pytest.raises(ResultsNotWritten, match="another process keeps"), lock(mark(tmp_path / "run"), 0.05):
+            pass
     assert names(tmp_path) == []
 
 
@@ -454,4 +461,4 @@ def test_files_that_are_added_are_listed(tmp_path):
     assert not (tmp_path / "files.txt").exists()
     write_folder(run, filling("2"), force=True)
     assert texts(run) == whole("2")
-    assert files.LISTING == "files.txt"
+    assert (run / "files.txt").read_text().splitlines()[1:] == list(PARTS)
