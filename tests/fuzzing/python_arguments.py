@@ -646,7 +646,7 @@ def _fill() -> None:
     call(storage.newest_check, folder="absent")
     call(storage.read_check, folder="absent")
     call(write_file, path="file", content=b"abc")
-    call(report.markdown, plan=w.run, figures=None, simulation=None)
+    call(report.report_plan, plan=w.run, figures=(), simulation=None)
     call(report.write_report, run=w.run, folder=".", figures=(), simulation=None)
     for figure in (figures.joint_angles, figures.contact_forces, figures.friction_use, figures.wrench_margin):
         call(figure, plan=w.run)
