@@ -140,7 +140,7 @@ def random_grasp(plan: pg.GraspPlan, k: int, rng: np.random.Generator) -> pg.Gra
         compliance=replace(held.compliance, stiffness=STIFF * held.compliance.stiffness),
     )
     forces = replace(plan.forces, depths=np.zeros((len(plan.forces.depths), k)))
-    return replace(plan, body=body, forces=forces, solution=replace(plan.searched(), problem=problem))
+    return replace(plan, body=body, forces=forces, solution=replace(plan.solution, problem=problem))
 
 
 def held_case(robot: pg.HandModel, plan: pg.GraspPlan, limit: np.ndarray, k: int, rng: np.random.Generator) -> Case:

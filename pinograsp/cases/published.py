@@ -284,7 +284,7 @@ def _in_plane_force(hand: HandModel, plan: GraspPlan, finger: str) -> float:
     angles = np.radians(FINAL_ANGLES_DEG[finger])
     found = contact_postures(hand, _only(contacts, i), reference={finger: angles}, samples=1)[finger]
     nearest = int(np.argmin(np.abs(found.angles - angles).max(axis=1)))
-    profile = plan.searched().profile
+    profile = plan.solution.profile
     t_I, t_F = profile.impact_time, profile.final_time
     still = replace(profile, acceleration=np.zeros(1))
     J = press(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import one_of, placement_of
+from pinograsp.checks import one_of
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.ellipsoid import Ellipsoid
@@ -61,8 +61,6 @@ def object_of(record: dict[str, Any]) -> Body:
     kind, names = _SHAPES[one_of("object record: shape", record.get("shape"), _SHAPES)]
     wanted = (*_ALL, *names)
     known = {"shape", *wanted, *_optional(kind)}
-    if kind is Mesh and "file_frame_b" in record:
-        record = _in_the_files_frame(record)
     if not {"shape", *wanted} <= set(record) <= known:
         raise InvalidInput(f"object record: expected shape, {', '.join(wanted)}, got {', '.join(map(str, record))}")
     values: dict[str, Any] = {
@@ -76,25 +74,6 @@ def object_of(record: dict[str, Any]) -> Body:
         return kind(**values)
     except OverflowError as error:
         raise InvalidInput(f"object record: expected numbers that a float can hold, got {error}") from None
-
-
-def _in_the_files_frame(record: dict[str, Any]) -> dict[str, Any]:
-    """The record of a mesh by version 0.2, whose body frame was at the centre of mass, in today's."""
-    names = ("file_frame_b", "vertices", "pose", *(name for name in ("com", "inertia") if name in record))
-    arrays = {name: _array(name, record[name]) for name in names if name in record}
-    frame = placement_of("object record: file_frame_b", arrays.pop("file_frame_b"))
-    turn, moved = frame[:3, :3], {}
-    for name, array in arrays.items():
-        try:
-            if name == "pose":
-                moved[name] = array @ frame
-            elif name == "inertia":
-                moved[name] = turn.T @ array @ turn
-            else:
-                moved[name] = (array - frame[:3, 3]) @ turn
-        except ValueError:
-            raise InvalidInput(f"object record: {name}: expected points, got an array of {array.shape}") from None
-    return {name: value for name, value in record.items() if name != "file_frame_b"} | moved
 
 
 def _array(name: str, value: ArrayLike) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from pinograsp.checks import brief
 from pinograsp.errors import Status
@@ -39,18 +40,18 @@ class Motion:
 
     status: Status
     notes: tuple[str, ...]
-    times: Array
+    times: Annotated[Array, "m"]
     impact: int
-    q: Array
-    dq: Array
-    ddq: Array
-    torques: Array
-    holding_torques: Array
-    settled_forces: Array
-    forces_o: Array
-    contact_velocities: Array
-    tracking_error: Array
-    slip: Array
+    q: Annotated[Array, "m n"]
+    dq: Annotated[Array, "m n"]
+    ddq: Annotated[Array, "m n"]
+    torques: Annotated[Array, "m n"]
+    holding_torques: Annotated[Array, "n"]
+    settled_forces: Annotated[Array, "k"]
+    forces_o: Annotated[Array, "m k 3"]
+    contact_velocities: Annotated[Array, "m k 3"]
+    tracking_error: Annotated[Array, "k"]
+    slip: Annotated[Array, "k"]
     postures: dict[str, int]
     peak_torque: float
     remedy: str = ""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal
+
+import numpy as np
 
 from pinograsp.checks import brief, items_of, number
 from pinograsp.errors import Status
@@ -16,6 +18,32 @@ Plain = dict[str, Any]  # what JSON can hold, units in the names
 FrictionModel = Literal["pyramid", "cone", "soft"]
 Balance = Literal["force", "wrench"]
 Measure = Literal["impulse", "work"]
+
+INFINITE = "infinite"  # beside the sizes of an array: its numbers may be
+
+
+def plain_fields(record: Any, **units: str) -> Plain:
+    """The fields of a record of numbers, texts and arrays as plain JSON values; ``units``: names with units for some.
+
+    Infinite numbers are None.
+    """
+    values = {one.name: getattr(record, one.name) for one in fields(record)}
+    return {units.get(name, name): _plain(value) for name, value in values.items()}
+
+
+def by_contact(names: tuple[str, ...], values: Array) -> Plain:
+    """A value for each contact (k, ...) by its name, as plain JSON values."""
+    return dict(zip(items_of("names", names, str), _plain(values)))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return [_plain(one) for one in value.tolist()]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, tuple | list) else value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,7 +57,7 @@ class Layout:
     """
 
     hand: str
-    joints: tuple[str, ...]
+    joints: Annotated[tuple[str, ...], "n"]
     fingers: Mapping[str, tuple[int, ...]]
 
     __repr__ = brief()
@@ -47,11 +75,11 @@ class PlanContacts:
         com_o: the object's centre of mass (3,) [m].
     """
 
-    names: tuple[str, ...]
-    links: tuple[str, ...]
-    points_o: Array
-    rotations_oc: Array
-    com_o: Array
+    names: Annotated[tuple[str, ...], "k"]
+    links: Annotated[tuple[str, ...], "k"]
+    points_o: Annotated[Array, "k 3"]
+    rotations_oc: Annotated[Array, "k 3 3"]
+    com_o: Annotated[Array, "3"]
 
     __repr__ = brief("names", "links")
 
@@ -68,7 +96,7 @@ class PlanFriction:
         torsion: largest moment about a normal per newton [m]; 0: none.
     """
 
-    mu: Array
+    mu: Annotated[Array, "k"]
     model: FrictionModel
     edges: int | None
     safety: float
@@ -78,13 +106,7 @@ class PlanFriction:
 
     def summary(self) -> Plain:
         """As plain JSON values."""
-        return {
-            "mu": self.mu.tolist(),
-            "model": self.model,
-            "edges": self.edges,
-            "safety": self.safety,
-            "torsion_m": self.torsion,
-        }
+        return plain_fields(self, torsion="torsion_m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,20 +163,7 @@ class PlanReserve:
 
     def summary(self) -> Plain:
         """As plain JSON values."""
-        return {
-            "disturbance": self.disturbance,
-            "force_N": self.force,
-            "moment_Nm": self.moment,
-            "mass": self.mass,
-            "friction": self.friction,
-            "normal_force_N": self.normal_force,
-            "torque": self.torque,
-            "softer": self.softer,
-            "stiffer": self.stiffer,
-            "loads": self.loads,
-            "impact_times": self.impact_times,
-            "above_unrestricted": self.above_unrestricted,
-        }
+        return plain_fields(self, force="force_N", moment="moment_Nm", normal_force="normal_force_N")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -177,21 +186,13 @@ class PlanCertificate:
     relative_gap: float
     violation: float
     active: tuple[str, ...]
-    branches: Array
+    branches: Annotated[Array, "b 4", INFINITE]
 
     __repr__ = brief()
 
     def summary(self) -> Plain:
         """As plain JSON values; of the branches their number."""
-        return {
-            "weights": dict(self.weights),
-            "objective": self.objective,
-            "lower_bound": self.lower_bound,
-            "relative_gap": self.relative_gap,
-            "violation_N": self.violation,
-            "active": list(self.active),
-            "branches": len(self.branches),
-        }
+        return plain_fields(self, violation="violation_N") | {"branches": len(self.branches)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -214,12 +215,7 @@ class PlanGrid:
 
     def summary(self) -> Plain:
         """As plain JSON values."""
-        return {
-            "points": self.points,
-            "cells": self.cells,
-            "rejections": dict(self.rejections),
-            "qp_solves": self.qp_solves,
-        }
+        return plain_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -252,17 +248,17 @@ class PlanForces:
     backend: str
     impact_time: float
     final_time: float
-    forces_c: Array
-    multipliers: Array
-    torsion: Array
-    acceleration: Array
+    forces_c: Annotated[Array, "k 3"]
+    multipliers: Annotated[Array, "* 2"]
+    torsion: Annotated[Array, "k"]
+    acceleration: Annotated[Array, "k"]
     work: float
     impulse: float
     residual_force: float
     residual_moment: float
-    depths: Array
-    rates: Array
-    normal_history: Array
+    depths: Annotated[Array, "m k"]
+    rates: Annotated[Array, "m k"]
+    normal_history: Annotated[Array, "m k"]
     certificate: PlanCertificate | None
     grid: PlanGrid | None
 
@@ -292,9 +288,9 @@ class StiffnessBand:
     """
 
     servos: str
-    factors: Array
-    normal_forces: Array
-    remarks: tuple[str, ...]
+    factors: Annotated[Array, "s"]
+    normal_forces: Annotated[Array, "s k"]
+    remarks: Annotated[tuple[str, ...], "s"]
 
     __repr__ = brief("servos", "factors", "remarks")
 
@@ -312,13 +308,7 @@ class StiffnessBand:
 
     def summary(self, names: tuple[str, ...]) -> Plain:
         """As plain JSON values by the contacts' ``names``."""
-        names = items_of("names", names, str)
-        return {
-            "servos": self.servos,
-            "factors": self.factors.tolist(),
-            "normal_forces_N": dict(zip(names, self.normal_forces.T.tolist())),
-            "remarks": list(self.remarks),
-        }
+        return plain_fields(self) | {"normal_forces_N": by_contact(names, self.normal_forces.T)}
 
 
 WEAK = 0.02  # share of the weight: next to nothing
@@ -347,19 +337,19 @@ class PlanMargins:
         band: forces on contacts softer or stiffer than planned; None: not told, as in plans of older versions.
     """
 
-    friction_used: Array
-    least_mu: Array
-    slip_distance: Array
+    friction_used: Annotated[Array, "k", INFINITE]
+    least_mu: Annotated[Array, "k"]
+    slip_distance: Annotated[Array, "k"]
     load_factor: float
     disturbance: float
-    weakest_direction: Array
+    weakest_direction: Annotated[Array, "w"]
     disturbance_force: float
     disturbance_moment: float | None
     force_closure: bool
     ferrari_canny: float
     min_singular_value: float
     isotropy: float
-    stiffness: Array
+    stiffness: Annotated[Array, "6 6"]
     band: StiffnessBand | None = None
 
     __repr__ = brief("friction_used", "load_factor", "disturbance_force", "force_closure", "ferrari_canny")
@@ -370,21 +360,18 @@ class PlanMargins:
 
     def summary(self, names: tuple[str, ...]) -> Plain:
         """As plain JSON values by the contacts' ``names``; None where a figure is infinite."""
-        names = items_of("names", names, str)
-        return {
-            "friction_used": {name: _finite(share) for name, share in zip(names, self.friction_used.tolist())},
-            "least_mu": dict(zip(names, self.least_mu.tolist())),
-            "slip_distance_N": dict(zip(names, self.slip_distance.tolist())),
-            "load_factor": _finite(self.load_factor),
-            "disturbance_any_N": self.disturbance,
-            "weakest_direction": self.weakest_direction.tolist(),
-            "disturbance_force_N": self.disturbance_force,
-            "disturbance_moment_Nm": self.disturbance_moment,
-            "force_closure": self.force_closure,
-            "ferrari_canny_L1": self.ferrari_canny,
-            "min_singular_value": self.min_singular_value,
-            "isotropy": self.isotropy,
-            "stiffness_N_m": self.stiffness.tolist(),
+        units = {
+            "disturbance": "disturbance_any_N",
+            "disturbance_force": "disturbance_force_N",
+            "disturbance_moment": "disturbance_moment_Nm",
+            "ferrari_canny": "ferrari_canny_L1",
+            "slip_distance": "slip_distance_N",
+            "stiffness": "stiffness_N_m",
+        }
+        return plain_fields(self, **units) | {
+            "friction_used": by_contact(names, self.friction_used),
+            "least_mu": by_contact(names, self.least_mu),
+            "slip_distance_N": by_contact(names, self.slip_distance),
             "band": None if self.band is None else self.band.summary(names),
         }
 
@@ -398,8 +385,8 @@ class Reach:
         forces: the largest force along each (3, d) [N].
     """
 
-    directions: Array
-    forces: Array
+    directions: Annotated[Array, "3 d 3"]
+    forces: Annotated[Array, "3 d"]
 
     __repr__ = brief()
 
@@ -431,8 +418,4 @@ class ComparisonRow:
 
     def summary(self) -> Plain:
         """As plain JSON values."""
-        return asdict(self) | {"difference": self.difference}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+        return plain_fields(self) | {"difference": self.difference}

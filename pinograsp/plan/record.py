@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from pinograsp.hands.model import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.plan.motion import Motion
 from pinograsp.plan.parts import (
+    INFINITE,
     Balance,
     ComparisonRow,
     ContactLaw,
@@ -26,6 +27,8 @@ from pinograsp.plan.parts import (
     PlanMargins,
     PlanReserve,
     Reach,
+    by_contact,
+    plain_fields,
 )
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, inverse_of
@@ -69,12 +72,12 @@ class PlanRecord:
     contacts: PlanContacts
     friction: PlanFriction
     law: ContactLaw
-    load: Array
-    gravity_o: Array
+    load: Annotated[Array, "6"]
+    gravity_o: Annotated[Array, "3"]
     body_mass: float
     balance: Balance
     measure: Measure
-    torque_limit: Array
+    torque_limit: Annotated[Array, "n", INFINITE]
     forces: PlanForces
     motion: Motion
     reserve: PlanReserve | None = None
@@ -196,11 +199,11 @@ class PlanRecord:
             "reserve": None if self.reserve is None else self.reserve.summary(),
             "impact_time_s": forces.impact_time,
             "final_time_s": forces.final_time,
-            "normal_forces_N": dict(zip(names, forces.normal_forces.tolist())),
-            "multipliers": dict(zip(names, forces.multipliers.tolist())),
-            "contact_forces_N": dict(zip(names, forces.forces_c.tolist())),
-            "torsion_Nm": dict(zip(names, forces.torsion.tolist())) if self.friction.torsion else {},
-            "accelerations_m_s2": dict(zip(names, forces.acceleration.tolist())),
+            "normal_forces_N": by_contact(names, forces.normal_forces),
+            "multipliers": by_contact(names, forces.multipliers),
+            "contact_forces_N": by_contact(names, forces.forces_c),
+            "torsion_Nm": by_contact(names, forces.torsion) if self.friction.torsion else {},
+            "accelerations_m_s2": by_contact(names, forces.acceleration),
             "work_J": forces.work,
             "impulse_Ns": forces.impulse,
             "residual_N": forces.residual_force,
@@ -211,7 +214,7 @@ class PlanRecord:
                 for finger, phases in self.torque_maxima().items()
             },
             "peak_torque_Nm": motion.peak_torque,
-            "tracking_error_m": dict(zip(names, motion.tracking_error.tolist())),
+            "tracking_error_m": by_contact(names, motion.tracking_error),
             "postures_tried": dict(motion.postures),
             "forces_status": str(forces.status),
             "motion": {"status": str(motion.status), "remedy": motion.remedy, "notes": list(motion.notes)},
@@ -227,43 +230,6 @@ class PlanRecord:
             "elapsed_by_stage_s": dict(self.elapsed),
         }
 
-    def arrays(self) -> dict[str, Array]:
-        """The plan's arrays: shapes and units as in the parts."""
-        motion, contacts, forces, law = self.motion, self.contacts, self.forces, self.law
-        branches = np.zeros((0, 4)) if forces.certificate is None else forces.certificate.branches
-        reach = self.reach
-        return {
-            "times": motion.times,
-            "impact": np.array(motion.impact),
-            "q": motion.q,
-            "dq": motion.dq,
-            "ddq": motion.ddq,
-            "torques": motion.torques,
-            "holding_torques": motion.holding_torques,
-            "settled_forces": motion.settled_forces,
-            "forces_o": motion.forces_o,
-            "contact_velocities": motion.contact_velocities,
-            "slip": motion.slip,
-            "depth": forces.depths,
-            "rate": forces.rates,
-            "normal_forces": forces.normal_history,
-            "residual_force_o": self.residual_force_o,
-            "points_o": contacts.points_o,
-            "rotations_oc": contacts.rotations_oc,
-            "com_o": contacts.com_o,
-            "load": self.load,
-            "gravity": self.gravity_o,
-            "object_mass": np.array(self.body_mass),
-            "mu": self.friction.mu,
-            "torsion_length": np.array(self.friction.torsion),
-            "contact_law": np.array([law.stiffness, law.damping, law.exponent]),
-            "contact_names": np.array(contacts.names),
-            "contact_links": np.array(contacts.links),
-            "torque_limit": self.torque_limit,
-            "branches": branches,
-            **({} if reach is None else {"margin_directions": reach.directions, "margin_forces": reach.forces}),
-        }
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Proof:
@@ -277,20 +243,15 @@ class Proof:
     """
 
     margin: float
-    direction: Array
+    direction: Annotated[Array, "w"]
     at_torque_limit: tuple[str, ...]
-    residual: Array
+    residual: Annotated[Array, "6"]
 
     __repr__ = brief()
 
     def summary(self) -> Plain:
         """As plain JSON values."""
-        return {
-            "margin_N": self.margin,
-            "direction": self.direction.tolist(),
-            "at_torque_limit": list(self.at_torque_limit),
-            "residual": self.residual.tolist(),
-        }
+        return plain_fields(self, margin="margin_N")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -120,20 +120,20 @@ class Simulation:
     time_step: float
     release: float | None
     complete: int
-    times: Array
-    q: Array
-    dq: Array
-    torques: Array
-    object_poses: Array
-    com_b: Array
-    parts: tuple[str, ...]
-    forces_o: Array
-    normal_forces: Array
-    tangential_forces: Array
-    depths: Array
-    slips: Array
-    planned_forces: Array
-    energies: dict[str, Array]
+    times: Annotated[Array, "s"]
+    q: Annotated[Array, "s n"]
+    dq: Annotated[Array, "s n"]
+    torques: Annotated[Array, "s n"]
+    object_poses: Annotated[Array, "s 4 4"]
+    com_b: Annotated[Array, "3"]
+    parts: Annotated[tuple[str, ...], "p"]
+    forces_o: Annotated[Array, "s p 3"]
+    normal_forces: Annotated[Array, "s p"]
+    tangential_forces: Annotated[Array, "s p"]
+    depths: Annotated[Array, "s p"]
+    slips: Annotated[Array, "s p"]
+    planned_forces: Annotated[Array, "p"]
+    energies: Mapping[str, Annotated[Array, "s"]]
     disturbance: Mapping[str, Any]
     notes: tuple[str, ...]
     elapsed: float
@@ -183,24 +183,6 @@ class Simulation:
             "notes": list(self.notes),
             "elapsed_s": self.elapsed,
         }
-
-    def arrays(self) -> dict[str, Array]:
-        """What was sampled, for files."""
-        names = (
-            "times",
-            "q",
-            "dq",
-            "torques",
-            "object_poses",
-            "com_b",
-            "forces_o",
-            "normal_forces",
-            "tangential_forces",
-            "depths",
-            "slips",
-            "planned_forces",
-        )
-        return {name: getattr(self, name) for name in names} | {f"energy_{k}": v for k, v in self.energies.items()}
 
     def describe(self) -> str:
         """The verdict as readable text, and what was measured."""

@@ -16,7 +16,15 @@ from pinograsp.contacts.clearance import HOLLOW, behind_hulls, meeting
 from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
 from pinograsp.contacts.quality import on_edges
 from pinograsp.errors import SearchFailed, Status
-from pinograsp.forces import ConvexSolution, ForceSolution, GlobalSolution, GridSolution, Reserve, RobustForces
+from pinograsp.forces import (
+    ConvexSolution,
+    ForceSolution,
+    GlobalSolution,
+    GraspConditions,
+    GridSolution,
+    Reserve,
+    RobustForces,
+)
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.motion.torques import drives_limit
 from pinograsp.objects.body import Body
@@ -51,6 +59,7 @@ def assembled(
     *,
     elapsed: Mapping[str, float],
     closure: Closure | None = None,
+    conditions: GraspConditions | None = None,
     reserve: PlanReserve | None = None,
     notes: tuple[str, ...] = (),
 ) -> GraspPlan:
@@ -102,6 +111,7 @@ def assembled(
         versions=_versions(solution.backend),
         solution=solution,
         closure=closure,
+        conditions=conditions,
     )
 
 

@@ -158,7 +158,7 @@ def _faults(plan: GraspPlan, closure: Closure) -> int:
     """How much speaks against a plan: contacts that slide, lie on edges or press past them, forces that come out other
     than planned, other links that press, an object that leaves by itself or gives way far.
     """
-    slip, solution = np.asarray(plan.motion.slip), plan.searched()
+    slip, solution = np.asarray(plan.motion.slip), plan.solution
     planned, push = plan.forces.normal_forces, 0.0 if plan.reserve is None else plan.reserve.force
     return sum(
         (

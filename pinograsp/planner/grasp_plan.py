@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp import defaults
@@ -14,7 +15,7 @@ from pinograsp.actuation import FACTORS, ForceBand, GainLimit, ObjectStiffness
 from pinograsp.checks import flag, instance_of, one_of, path_of
 from pinograsp.contacts import Closure
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import ForceProblem, ForceSolution, Reaction
+from pinograsp.forces import ForceProblem, ForceSolution, GraspConditions, Reaction
 from pinograsp.handover import (
     Command,
     Commanding,
@@ -31,7 +32,6 @@ from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.planner.compliance import band_of, gains_of, stiffness_of, told_band
 from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
-from pinograsp.planner.stored import stored_solution
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
 from pinograsp.writing import NewFolder
@@ -46,33 +46,26 @@ if TYPE_CHECKING:
 class GraspPlan(PlanRecord):
     """A grasp: contact forces, and the joint motion and torques that bring them about.
 
-    All of :class:`~pinograsp.plan.PlanRecord`, the same whether the plan was just made or read back.
+    All of :class:`~pinograsp.plan.PlanRecord`, and what it was made of; the same whether it was just made or read back.
 
     Attributes:
         hand: the hand, as it was placed.
-        solution: the force search's own record, with its problem, for more computing; None where the plan was read
-            back.
-        closure: how the contacts were found; None where they were given, or the plan was read back.
+        solution: the force search's own record, with its problem, for more computing.
+        closure: how the contacts were found; None where they were given.
+        conditions: under which the object is held; None where a problem was given.
     """
 
     hand: HandModel
-    solution: ForceSolution | None = None
+    solution: ForceSolution
     closure: Closure | None = None
+    conditions: GraspConditions | None = None
 
     __repr__ = PlanRecord.__repr__
 
     @property
     def problem(self) -> ForceProblem:
-        """The force problem that was solved; of a plan that was read back as :meth:`searched` tells."""
-        return self.searched().problem
-
-    def searched(self) -> ForceSolution:
-        """The force search's own record.
-
-        Of a plan that was read back: the stored forces with a problem that they solve, torque limits, what is kept free
-        of them, and least forces included. Caps of normal forces are not stored: depths are limited as anywhere.
-        """
-        return stored_solution(self.hand, self) if self.solution is None else self.solution
+        """The force problem that was solved."""
+        return self.solution.problem
 
     def _reaction(self) -> Reaction:
         """To what is added to the load: as the squeeze was planned."""
@@ -82,13 +75,13 @@ class GraspPlan(PlanRecord):
         """The same plan with what the grasp bears besides its load, and cautions of that; a tenth of a second."""
         if self.margins is not None:
             return self
-        band = told_band(self.hand, self.searched(), self.motion.q[-1])
-        margins = margins_of(self.searched(), self._reaction(), band)
+        band = told_band(self.hand, self.solution, self.motion.q[-1])
+        margins = margins_of(self.solution, self._reaction(), band)
         return replace(self, margins=margins, cautions=(*self.cautions, *margin_cautions(margins, self.weight)))
 
     def with_reach(self) -> GraspPlan:
         """The same plan with the forces that may come on top of the load, by direction; a second or two."""
-        return self if self.reach is not None else replace(self, reach=reach_of(self.searched(), self._reaction()))
+        return self if self.reach is not None else replace(self, reach=reach_of(self.solution, self._reaction()))
 
     def force_band(self, stiffness: ArrayLike | None = None, factors: ArrayLike = FACTORS) -> ForceBand:
         """The forces that come where the contacts are ``factors`` times as stiff as planned (s,), 1/5 to 20 times.
@@ -101,7 +94,7 @@ class GraspPlan(PlanRecord):
         Raises:
             InvalidInput: unusable numbers.
         """
-        return band_of(self.hand, self.searched(), self.motion.q[-1], servo_gains(self.hand, stiffness), factors)
+        return band_of(self.hand, self.solution, self.motion.q[-1], servo_gains(self.hand, stiffness), factors)
 
     def gains_within(self, tolerance: float = 0.2, factors: ArrayLike = FACTORS) -> GainLimit:
         """The stiffest servos with which no normal force is off by more than ``tolerance`` (a share) on such contacts.
@@ -109,14 +102,14 @@ class GraspPlan(PlanRecord):
         See :func:`pinograsp.actuation.gains_within`; servos at sliding joints stay 1 / (30 mm)^2 times as stiff as
         those of turning ones. Raises as :meth:`force_band`.
         """
-        return gains_of(self.hand, self.searched(), self.motion.q[-1], tolerance, factors)
+        return gains_of(self.hand, self.solution, self.motion.q[-1], tolerance, factors)
 
     def object_stiffness(self, stiffness: ArrayLike | None = None) -> ObjectStiffness:
         """Stiffness of the held object with servos as for :meth:`force_band`: unstable where ``margin`` is below 0.
 
         See :func:`pinograsp.actuation.object_stiffness`; raises as :meth:`force_band`.
         """
-        return stiffness_of(self.hand, self.searched(), self.motion.q[-1], servo_gains(self.hand, stiffness))
+        return stiffness_of(self.hand, self.solution, self.motion.q[-1], servo_gains(self.hand, stiffness))
 
     def summary(self) -> dict[str, Any]:
         """The plan's figures as plain JSON values, units in the names, margins included."""
@@ -237,7 +230,7 @@ class GraspPlan(PlanRecord):
         path = path_of("path", path)
         for name in settings:
             one_of("setting of to_core", name, LoopSettings.__annotations__)
-        problem, q = self.searched().problem, self.motion.q[-1]
+        problem, q = self.solution.problem, self.motion.q[-1]
         if problem.torques is None:
             problem = replace(problem, torques=torque_limits(self.hand, problem.contacts, q, limit=self.torque_limit))
         return write_core(OnlineForces(problem, hand=self.hand, q=q, **settings).constants(), path)
@@ -343,10 +336,15 @@ def load_run(folder: str | Path) -> GraspPlan:
             failure of a search (:func:`pinograsp.storage.read_run` reads those).
         HandNotLoaded: mesh files of the hand that are missing.
     """
-    record = read_run(folder)
+    record = read_run(folder, kind=GraspPlan)
     if isinstance(record, PlanFailure):
         raise InvalidInput(
             f"'{folder}' holds no plan, its search found none ({record.status}): pinograsp report tells why"
         )
-    values = {one.name: getattr(record, one.name) for one in fields(record)}
-    return GraspPlan(**{**values, "hand": record.require_hand()})
+    plan = instance_of("plan", record, GraspPlan)
+    plan.require_hand()
+    if plan.contacts.names != plan.problem.contacts.names or not np.array_equal(
+        plan.forces.forces_c, plan.solution.forces_c
+    ):
+        raise InvalidInput(f"'{folder}' holds no readable run: expected the contact forces of its solution, got others")
+    return plan if plan.body is not None else replace(plan, closure=None)  # an object of a class that no file knows

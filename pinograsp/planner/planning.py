@@ -226,6 +226,7 @@ def task_on(
         choices=choices,
         elapsed={"closing": time.perf_counter() - started},
         closure=closure,
+        conditions=conditions,
     )
 
 
@@ -246,6 +247,7 @@ class GraspTask:
         choices: how to search.
         elapsed: of the stages before [s].
         closure: the hand closed on the object; None: contacts were given.
+        conditions: under which it is held; None: a problem was given.
     """
 
     hand: HandModel
@@ -253,6 +255,7 @@ class GraspTask:
     choices: _Choices
     elapsed: Mapping[str, float] = field(default_factory=dict)
     closure: Closure | None = None
+    conditions: GraspConditions | None = None
 
     def planned(self) -> GraspPlan:
         """The plan; :class:`SearchFailed` says what would do, see :meth:`advised`."""
@@ -306,6 +309,7 @@ class GraspTask:
             motion,
             elapsed={**self.elapsed, **spent},
             closure=self.closure,
+            conditions=self.conditions,
             reserve=kept,
             notes=notes,
         )

@@ -129,7 +129,6 @@ def test_what_a_plan_writes_is_a_path(arm, grasp, smoothed, followers, tmp_path)
 
 def test_a_grasp_that_was_read_back_is_carried(arm, grasp, tmp_path):
     back = pg.load_run(pg.save_run(grasp, tmp_path / "run"))
-    assert back.solution is None
     fresh, stored = (plan_carry(arm, one, WAYPOINTS, intervals=INTERVALS) for one in (grasp, back))
     assert stored.duration == pytest.approx(fresh.duration, rel=1e-3)
     assert stored.contacts == fresh.contacts

@@ -202,7 +202,7 @@ def test_a_grasp_of_the_hand_alone(tmp_path):
     assert same.duration == pytest.approx(found.duration, rel=1e-5)
     # Nothing speaks against it, but would if contacts pressed past the ball's centre, or slid.
     assert found.status is Status.OK and not found.cautions
-    first, most, loads = grasp.searched(), found.normal_forces.max(axis=0), found.loads
+    first, most, loads = grasp.solution, found.normal_forces.max(axis=0), found.loads
     assert not doubts_of_squeeze(grasp, first, found.closing, most, loads)
     (sways,) = doubts_of_squeeze(grasp, first, found.closing, most, 20 * loads)
     assert "sways" in sways

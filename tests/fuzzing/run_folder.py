@@ -329,10 +329,6 @@ def _rename(rng, files: dict) -> None:
                 files[name] = content.replace(old.encode(), json.dumps(text)[1:-1].encode("utf-8", "surrogatepass"))
             else:
                 files[name] = content.replace(old.encode(), inside)
-        elif name.endswith(".npz") and (arrays := _stored(content)) is not None:
-            for key in [key for key in arrays if key.startswith("contact_") and arrays[key].dtype.kind == "U"]:
-                arrays[key] = np.array([one.replace(old, new) for one in arrays[key].ravel().tolist()])
-            files[name] = _archived(arrays)
 
 
 def _stored(content: bytes):

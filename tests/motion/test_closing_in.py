@@ -90,7 +90,7 @@ def test_plans_of_jaws_are_what_they_can_press(jaws):
     pose[2, 3] = 0.03
     plan = pg.plan_grasp_on(jaws, pg.Box(size=(0.03, 0.03, 0.05), mass=0.1, pose=pose), pg.GraspConditions(mu=0.6))
     together = pressing_together(plan.closure.hand, plan.problem.contacts, plan.problem.contacts.posture)
-    depths = plan.searched().profile.final_depth
+    depths = plan.solution.profile.final_depth
     assert plan.status is Status.OK and plan.friction.model == "soft"
     assert np.abs(together.rows @ depths).max() < 1e-6 * depths.max()
 

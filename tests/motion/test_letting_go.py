@@ -178,7 +178,7 @@ def test_hands_press_so_that_the_planned_forces_are_left(source):
     found = pg.find_grasps(pg.load_hand(source), box, conditions, count=8, seed=3, jobs=1, progress=False)
     plan = plan_best(found, conditions)
     contacts = plan.problem.contacts
-    pressed = surfaces.press_closed(plan.hand, plan.searched(), contacts.posture, servo_gains(plan.hand))
+    pressed = surfaces.press_closed(plan.hand, plan.solution, contacts.posture, servo_gains(plan.hand))
     planned = plan.forces.normal_forces
     assert pressed.off(planned) < 0.02
     seen = pg.simulate(plan, hold=0.5)

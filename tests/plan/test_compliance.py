@@ -20,7 +20,7 @@ def plan():
 
 
 def test_stiff_servos_keep_the_object_and_soft_ones_let_it_tip(plan):
-    solution, q = plan.searched(), plan.motion.q[-1]
+    solution, q = plan.solution, plan.motion.q[-1]
     assert not [caution for caution in plan.cautions if "unstable" in caution]
     assert instability(plan.hand, solution, q, servo_gains(plan.hand)) is None
     told = instability(plan.hand, solution, q, servo_gains(plan.hand, 0.2))
@@ -37,7 +37,7 @@ def test_servos_of_ones_own_are_taken_and_soft_ones_told(plan):
     assert soft.servo_stiffness[0] == 3.0 and np.isnan(soft.servo_stiffness[1:]).all()
     for gains in (servo_gains(soft), Servo.of(soft).stiffness):
         assert gains[0] == 3.0 and np.all(gains[1:] == servo_gains(hand)[1:])
-    solution, q = plan.searched(), plan.motion.q[-1]
+    solution, q = plan.solution, plan.motion.q[-1]
     gains = servo_gains(hand, 2.0)
     told = instability(hand, solution, q, gains, push=5.0)
     away = 5.0 * np.linalg.norm(np.linalg.inv(plan.object_stiffness(2.0).matrix)[:3, :3], 2)

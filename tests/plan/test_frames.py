@@ -1,6 +1,5 @@
 """Plans, certificates, simulations, scenes and runs do not depend on where the file of an object has its origin."""
 
-import json
 import re
 
 import mujoco
@@ -10,10 +9,7 @@ import trimesh
 
 import pinograsp as pg
 from pinograsp.certification import Reason, placement_hint
-from pinograsp.errors import InvalidInput
-from pinograsp.objects.record import object_record
 from pinograsp.spatial import pose_of, rotation_rpy
-from pinograsp.storage import read_check, read_run, write_run
 
 SIZE, MASS = [0.05, 0.03, 0.09], 0.15
 HAND = pg.load_hand("panda").placed(pose_of([0.3, 0.2, 0.1034 + 0.02], rotation_rpy(np.pi, 0, 0)))
@@ -115,26 +111,6 @@ def test_scenes_have_the_body_in_the_frame_of_the_file(plan, tmp_path):
     assert np.allclose(data.site_xpos[model.site("object").id], data.site_xpos[model.site("place").id], atol=1e-6)
 
 
-def test_runs_come_back_in_the_frame_of_the_file_and_old_ones_too(plan, tmp_path):
-    write_run(plan.with_margins().with_reach(), tmp_path / "run")
-    again = read_run(tmp_path / "run")
-    assert np.array_equal(again.body.pose, plan.body.pose)
-    assert np.allclose(again.hand_in_object, plan.hand_in_object, atol=1e-12)
-    # As version 0.2 wrote it: vertices and pose from the centre of mass.
-    path = tmp_path / "run" / "scene.json"
-    scene, body = json.loads(path.read_text()), plan.body
-    scene["object"] = {
-        **object_record(body),
-        "vertices": (body.vertices - body.com_b).tolist(),
-        "pose": (body.pose @ pose_of(body.com_b)).tolist(),
-        "file_frame_b": pose_of(-body.com_b).tolist(),
-    }
-    path.write_text(json.dumps(scene))
-    old = read_run(tmp_path / "run")
-    assert np.allclose(old.hand_in_object, plan.hand_in_object, atol=1e-12)
-    assert np.allclose(old.body.com_o, plan.body.com_o, atol=1e-12)
-
-
 def test_viewers_draw_the_object_where_it_is(plan):
     from pinograsp.viz.scene import scene_of
     from pinograsp.viz.solids import placed
@@ -197,16 +173,3 @@ def test_grasps_that_are_where_they_should_be_have_no_hint(primitive):
 def test_few_misplaced_grasps_are_chance(count, misplaced, is_hint):
     reasons = [Reason.PENETRATES] * misplaced + [Reason.RESERVE] * (count - misplaced)
     assert bool(placement_hint(reasons, [0.012] * misplaced + [0.0] * (count - misplaced))) == is_hint
-
-
-def test_simulations_without_the_centre_of_mass_are_refused(simulations, tmp_path):
-    """Version 0.2 stored poses of the centre of mass."""
-    from pinograsp.storage.simulations import write_simulation
-
-    write_simulation(simulations[0], tmp_path, {})
-    assert np.allclose(read_check(tmp_path).com_o, simulations[0].com_o)
-    arrays = dict(np.load(tmp_path / "check.npz"))
-    del arrays["com_b"]
-    np.savez(tmp_path / "check.npz", **arrays)
-    with pytest.raises(InvalidInput, match=r"com_b.*simulate it again"):
-        read_check(tmp_path)

@@ -41,7 +41,7 @@ def plan():
 
 def least_margin(plan, normal_forces):
     """The push that these normal forces withstand in six directions, as share of the reserve's."""
-    problem = replace(plan.searched().problem, torques=None, min_normal_force=None)
+    problem = replace(plan.solution.problem, torques=None, min_normal_force=None)
     push = plan.reserve.force * np.hstack([np.vstack([np.eye(3), -np.eye(3)]), np.zeros((6, 3))])
     return min(disturbance_margin(problem, one, normal_forces=normal_forces, reaction="elastic") for one in push)
 

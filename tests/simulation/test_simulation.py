@@ -134,7 +134,7 @@ def test_prescribed_joints_press_with_the_planned_forces(plan):
     order = [simulation.parts.index(name) for name in plan.problem.contacts.names]
     # Until the object is let go the joints make up for its shift.
     contacts, law = plan.problem.contacts, plan.problem.compliance
-    pressed = press_closed(plan.hand, plan.searched(), contacts.posture, servo_gains(plan.hand))
+    pressed = press_closed(plan.hand, plan.solution, contacts.posture, servo_gains(plan.hand))
     assert simulation.depths[-1][order] == pytest.approx(pressed.depths[-1], abs=1e-6)
     assert simulation.normal_forces[-1][order] == pytest.approx(law.normal_force(pressed.depths[-1]), rel=1e-3)
     made = plan.forces.work * (pressed.depths[-1] ** 2.5).sum() / (plan.forces.final_depths**2.5).sum()
