@@ -32,14 +32,14 @@ from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
-from pinograsp.certification import Certificates, Certifier, Reason, trial_of
-from pinograsp.errors import PinograspError
+from pinograsp.certification import Certificates, Certifier, trial_of
+from pinograsp.errors import PinograspError, Status
 from pinograsp.simulation.settings import Disturbance, Push
 
 HERE = Path(__file__).resolve().parent
 MU, DENSITY, ROUGH, BAND = 0.6, 300.0, 1.5, 0.1
 SHAKE = 3.0 * np.array([0.6, 0.48, 0.64])
-GEOMETRIC = (Reason.PENETRATES, Reason.SELF_COLLISION, Reason.NO_CONTACT, Reason.JOINT_LIMIT)
+GEOMETRIC = (Status.PENETRATES, Status.SELF_COLLISION, Status.NO_CONTACT, Status.JOINT_LIMIT)
 
 
 def watering_can(w: float) -> pg.Mesh:
@@ -100,7 +100,7 @@ def throughput(name: str, count: int, seed: int) -> None:
         with Parallel(jobs) as parallel:
             blocks = parallel(delayed(_certified)(hand, body, q[own], roots[own]) for own in slices)
         took = time.perf_counter() - started
-        reasons = Counter(Reason(one).name for block in blocks for one in block[0].tolist())
+        reasons = Counter(str(Status.from_code(one)) for block in blocks for one in block[0].tolist())
         spent = {stage: sum(block[1][stage] for block in blocks) / count * 1e6 for stage in blocks[0][1]}
         own = {f"{stage}_us": f"{value:.0f}" for stage, value in spent.items()}
         rows.append({"cores": jobs, "grasps_a_second": f"{count / took:.0f}", **own})
@@ -117,11 +117,11 @@ def _certified(hand: pg.HandModel, body: pg.objects.body.Body, q: np.ndarray, ro
 
 def trial(certificates: Certificates, rough: Certificates, i: int) -> dict:
     """What the simulation makes of grasp i, and whether the certificate said so."""
-    reason, reserve, mu = Reason(certificates.reason[i]), certificates.reserve[i], certificates.least_mu[i]
+    reason, reserve, mu = Status.from_code(certificates.reason[i]), certificates.reserve[i], certificates.least_mu[i]
     row = {
         "hand": certificates.hand.name,
         "object": type(certificates.object).__name__,
-        "reason": reason.name,
+        "reason": str(reason),
         "reserve": f"{reserve:.3f}",
         "least_mu": f"{mu:.3f}",
         "effort": f"{certificates.effort[i]:.3f}",
@@ -129,12 +129,12 @@ def trial(certificates: Certificates, rough: Certificates, i: int) -> dict:
     }
     disturbance = Disturbance(shake=SHAKE, shake_frequency=2.0)
     source, near = certificates, 1 - BAND < certificates.effort[i] < 1 + BAND or abs(mu / MU - 1) < BAND
-    if reason is Reason.HELD:
+    if reason is Status.HELD:
         near |= reserve < 1 + BAND
-    if reason in (Reason.FRICTION, Reason.NO_FORCES):
+    if reason in (Status.FRICTION, Status.NO_FORCES):
         source = rough
         disturbance = Disturbance(mu=MU)
-    elif reason is not Reason.HELD:
+    elif reason is not Status.HELD:
         near |= reserve > 1 - BAND
         push = Push(wrench_o=certificates.weakest[i], start=0.2, duration=0.8)
         disturbance = Disturbance(pushes=(push,))
@@ -146,7 +146,7 @@ def trial(certificates: Certificates, rough: Certificates, i: int) -> dict:
     except PinograspError as error:
         return row | {"near": near, "held": "", "agrees": "", "why": str(error)[:200]}
     why = "; ".join(verdict.causes) if not verdict.held else ""
-    agrees = verdict.held == (reason is Reason.HELD)
+    agrees = verdict.held == (reason is Status.HELD)
     force = f"{source.normal_forces[i].max():.3g}"
     return row | {"force_N": force, "near": near, "held": verdict.held, "agrees": agrees, "why": why[:200]}
 
@@ -174,7 +174,7 @@ def simulate_certified(count: int, seed: int, jobs: int, hands: list[str], noise
         q, roots = perturbed(search, 4 * (count // len(pairs) + 1), noise, rng)
         found = pg.certify(hand, body, q, pg.GraspConditions(mu=MU), roots=roots)
         rough = pg.certify(hand, body, q, pg.GraspConditions(mu=ROUGH), roots=roots)
-        touching = [i for i in range(len(q)) if Reason(found.reason[i]) not in GEOMETRIC]
+        touching = [i for i in range(len(q)) if Status.from_code(found.reason[i]) not in GEOMETRIC]
         tasks += [delayed(trial)(found, rough, i) for i in touching[: count // len(pairs) + 1]]
     done = Parallel(jobs, return_as="generator")(tasks)
     return list(tqdm(done, total=len(tasks)))

@@ -17,7 +17,10 @@ _LONGEST_PROBLEM = 600  # characters about a file of grasps
 
 
 class Status(str, Enum):
-    """How a stage, a plan or a command ended. ``Status.OK`` is the only success."""
+    """How a stage, a plan, a grasp that was certified, or a command ended: one word each.
+
+    ``OK`` is the success of stages, plans and commands, ``HELD`` that of certified grasps.
+    """
 
     OK = "ok"
     UNBALANCED = "unbalanced"
@@ -33,19 +36,54 @@ class Status(str, Enum):
     INVALID_INPUT = "invalid_input"
     EXTRA_MISSING = "extra_missing"
     FAILED = "failed"
+    HELD = "held"
+    PENETRATES = "penetrates"
+    SELF_COLLISION = "self_collision"
+    NO_CONTACT = "no_contact"
+    NO_FORCES = "no_forces"
+    FRICTION = "friction"
+    RESERVE = "reserve"
+    TORQUE = "torque"
+    DRIVES = "drives"
+    UNDECIDED = "undecided"
+    GEOMETRY_FAILED = "geometry_failed"
 
     def __str__(self) -> str:
         return self.value
 
     @property
+    def words(self) -> str:
+        """What it means."""
+        return _MEANINGS[self].words
+
+    @property
+    def answer(self) -> str:
+        """The first words of the answer whether a plan that ended so holds."""
+        return _MEANINGS[self].answer
+
+    @property
     def remedy(self) -> str:
-        """What to do about it, in one sentence (empty for ``OK``)."""
+        """What to do about it, in one sentence (empty for ``OK`` and ``HELD``)."""
         return _MEANINGS[self].remedy
 
     @property
     def exit_code(self) -> int:
         """Of a command that ends so: 0 usable, 2 unusable input, 3 no grasp, 130 interrupted."""
         return _MEANINGS[self].exit_code
+
+    @property
+    def code(self) -> int:
+        """Its number in arrays and files of certificates, which stays as it is; -1: it is not one of theirs."""
+        return _MEANINGS[self].code
+
+    @classmethod
+    def from_code(cls, code: int) -> Status:
+        """The status of that number in arrays and files of certificates; ``ValueError`` where there is none."""
+        if code >= 0:
+            for status, meaning in _MEANINGS.items():
+                if meaning.code == code:
+                    return status
+        raise ValueError(f"expected the code of a certificate, 0 to {max(one.code for one in cls)}, got {code}")
 
 
 class PinograspError(Exception):
@@ -189,58 +227,161 @@ class SimulationDiverged(PinograspError):
         )
 
 
+_HELD, _INCOMPLETE, _UNSURE, _NONE = "Yes", "The plan is not complete", "Not certain", "No grasp"
+
+
 class _Meaning(NamedTuple):
     """A line of the table."""
 
     exit_code: int
+    words: str
     remedy: str
+    answer: str = _NONE
+    code: int = -1
     errors: tuple[type[BaseException], ...] = ()
 
 
 # Exceptions of several lines' kinds mean the first of them.
 _MEANINGS = {
-    Status.OK: _Meaning(0, ""),
+    Status.OK: _Meaning(0, "forces proven, motion found, nothing speaks against it but the cautions", "", _HELD),
     Status.UNBALANCED: _Meaning(
-        0, "These normal forces cannot balance the load: change them, raise mu or move the contacts."
+        0,
+        "the forces of a grid balance the load but for a small rest",
+        "These normal forces cannot balance the load: change them, raise mu or move the contacts.",
+        "Almost",
     ),
     Status.NOT_TRACKED: _Meaning(
-        0, "Contact points cannot follow their paths: the motion's remedy says what keeps which finger from it."
+        0,
+        "a finger cannot follow its path to the last micrometre; how far it is off is said",
+        "Contact points cannot follow their paths: the motion's remedy says what keeps which finger from it.",
+        _UNSURE,
     ),
     Status.JOINT_LIMIT: _Meaning(
         3,
+        "a joint meets its limit, or is beyond it",
         "A joint meets its limit: the motion's remedy names it. Widen it, or choose another contact posture or start.",
+        _INCOMPLETE,
+        code=1,
     ),
     Status.EARLY_CONTACT: _Meaning(
         0,
+        "a link meets the object, or another link, before its time",
         "A link hits the object, or another link, before it is grasped: the motion's remedy names it. Start elsewhere.",
+        _INCOMPLETE,
     ),
     Status.DOUBTFUL: _Meaning(
         0,
+        "more than a twentieth of the forces act on edges or hollow links, or the object gives way by more than 2 mm "
+        "to the push of its reserve",
         "Forces act on edges of the object or where links are hollow, which a small error turns, or the object gives "
         "way far: the motion's remedy says which. Take another grasp.",
+        _UNSURE,
     ),
     Status.INFEASIBLE: _Meaning(
         3,
+        "there are no forces, proven, or no point of the grid",
         "What is in the way, and what was tried and would do, is in the message of a plan, or in diagnose().",
-        (GraspInfeasible, CarryInfeasible),
+        errors=(GraspInfeasible, CarryInfeasible),
     ),
     Status.INACCURATE: _Meaning(
         3,
+        "neither certified nor refuted",
         "The answer failed its certificate and nothing is proven: change load, mu or limits a little, or the solver.",
-        (GraspUndecided, CarryUndecided),
+        errors=(GraspUndecided, CarryUndecided),
     ),
     Status.INTERRUPTED: _Meaning(
-        130, "The search was stopped: run it again to the end for the optimum.", (SearchInterrupted, KeyboardInterrupt)
+        130,
+        "Ctrl-C; nothing is half-written",
+        "The search was stopped: run it again to the end for the optimum.",
+        _INCOMPLETE,
+        errors=(SearchInterrupted, KeyboardInterrupt),
     ),
     Status.NOT_FOUND: _Meaning(
-        3, "The message says how the samples ended, and what was tried and would do.", (GraspNotFound,)
+        3,
+        "no sample of a search holds the object",
+        "The message says how the samples ended, and what was tried and would do.",
+        errors=(GraspNotFound,),
     ),
     Status.NOT_REACHED: _Meaning(
-        3, "A finger cannot reach its contact: move the contact or the hand, or widen joint limits.", (NoGrasp,)
+        3,
+        "a finger cannot reach its contact",
+        "A finger cannot reach its contact: move the contact or the hand, or widen joint limits.",
+        errors=(NoGrasp,),
     ),
-    Status.INVALID_INPUT: _Meaning(2, "The message says what was expected, what came and what to do.", (InvalidInput,)),
-    Status.EXTRA_MISSING: _Meaning(2, "Install the extra that the message names.", (ExtraMissing,)),
-    Status.FAILED: _Meaning(2, "The message says what happened.", (BaseException,)),
+    Status.INVALID_INPUT: _Meaning(
+        2,
+        "an argument cannot be used: expected, got, what to do",
+        "The message says what was expected, what came and what to do.",
+        errors=(InvalidInput,),
+    ),
+    Status.EXTRA_MISSING: _Meaning(
+        2,
+        "an optional package is not installed; the message names the extra",
+        "Install the extra that the message names.",
+        errors=(ExtraMissing,),
+    ),
+    Status.FAILED: _Meaning(
+        2,
+        "anything else; the message says what",
+        "The message says what happened.",
+        errors=(BaseException,),
+    ),
+    Status.HELD: _Meaning(0, "holds the weight and the reserve", "", _HELD, code=0),
+    Status.PENETRATES: _Meaning(
+        3,
+        "a link is deeper in the object than the tolerance",
+        "Check the frames and units of hand and object, close the hand there again, or allow a greater depth.",
+        code=2,
+    ),
+    Status.SELF_COLLISION: _Meaning(3, "links of the hand overlap", "Take another posture.", code=3),
+    Status.NO_CONTACT: _Meaning(
+        3,
+        "fewer than two links touch the object",
+        "Check the frames and units of hand and object, or close the hand there.",
+        code=4,
+    ),
+    Status.NO_FORCES: _Meaning(
+        3,
+        "no forces at these contacts hold the weight, whatever the friction (proven up to mu = 2)",
+        "Take other contacts: these do not oppose each other.",
+        code=5,
+    ),
+    Status.FRICTION: _Meaning(
+        3,
+        "no forces at these contacts hold the weight with this friction (proven); with more some do",
+        "The least friction that does is beside it.",
+        code=6,
+    ),
+    Status.RESERVE: _Meaning(
+        3,
+        "the weight is held, but not all that the reserve adds to it",
+        "How much of it is held is beside it: ask for less, or take other contacts.",
+        code=7,
+    ),
+    Status.TORQUE: _Meaning(
+        3,
+        "forces hold the object, but the squeeze takes more torque than the joints have",
+        "The largest weight that the joints hold is beside it.",
+        code=8,
+    ),
+    Status.DRIVES: _Meaning(
+        3,
+        "forces hold the object, but the hand's drives cannot make them together",
+        "Take a posture in which they can, or leave the drives out of it (drives=False).",
+        code=9,
+    ),
+    Status.UNDECIDED: _Meaning(
+        3,
+        "the solver gave no answer that passes its certificate",
+        "Nothing is proven: change load, mu or limits a little.",
+        code=10,
+    ),
+    Status.GEOMETRY_FAILED: _Meaning(
+        3,
+        "the distance from the object could not be computed",
+        "Repair the mesh of object or link (slivers, triangles without area).",
+        code=11,
+    ),
 }
 
 

@@ -1,7 +1,7 @@
 """Grasps that others made: which hold, how hard they must press, and why the others do not hold."""
 
 from pinograsp.certification.certify import Certifier, certify
-from pinograsp.certification.record import Certificates, Reason, placement_hint
+from pinograsp.certification.record import Certificates, placement_hint
 from pinograsp.certification.trial import trial_of
 
-__all__ = ["Certificates", "Certifier", "Reason", "certify", "placement_hint", "trial_of"]
+__all__ = ["Certificates", "Certifier", "certify", "placement_hint", "trial_of"]

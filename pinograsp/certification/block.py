@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pinograsp.certification.elastic import Reactions, factors
-from pinograsp.certification.record import FAR_OFF, Certificates, Reason
+from pinograsp.certification.record import FAR_OFF, Certificates
 from pinograsp.certification.squeeze import (
     Forces,
     Grips,
@@ -107,7 +107,7 @@ class Block:
         allowed = _BEYOND * np.where(hand.slides, _LEVER, 1.0)
         self.beyond = ((q < hand.lower - allowed) | (q > hand.upper + allowed)).any(axis=1)
         self.own, self.q, self.roots = asked, np.clip(q, hand.lower, hand.upper), roots
-        self.reason = np.full(count, int(Reason.HELD))
+        self.reason = np.full(count, Status.HELD.code)
         self.elapsed = {"contacts": 0.0, "forces": 0.0, "friction": 0.0}
         self.torques, self.reserve, self.weakest = np.zeros((count, hand.n)), np.zeros(count), np.zeros((count, 6))
         self.least_mu, self.largest_load = np.full(count, np.inf), np.zeros(count)
@@ -329,20 +329,20 @@ class Block:
         self.unproducible = self._unproducible()
         self.producible = (self.unproducible <= _UNMADE) & ~self._beyond_drives() & self.weight_held
         undecided = ~self.weight_held & (self.status != Status.INFEASIBLE)
-        for reason, where in (
-            (Reason.DRIVES, ~self.producible & self.own.drives),
-            (Reason.TORQUE, self.effort > 1 + _NEAR),
-            (Reason.RESERVE, ~self.squeezed),
-            (Reason.FRICTION, ~self.weight_held & np.isfinite(self.least_mu)),
-            (Reason.NO_FORCES, ~self.weight_held & ~np.isfinite(self.least_mu)),
-            (Reason.UNDECIDED, undecided),
-            (Reason.NO_CONTACT, self.touched < 2),
-            (Reason.SELF_COLLISION, self.collision >= 0),
-            (Reason.PENETRATES, self.depth > 0),
-            (Reason.GEOMETRY_FAILED, self.failed),
-            (Reason.JOINT_LIMIT, self.beyond),
+        for status, where in (
+            (Status.DRIVES, ~self.producible & self.own.drives),
+            (Status.TORQUE, self.effort > 1 + _NEAR),
+            (Status.RESERVE, ~self.squeezed),
+            (Status.FRICTION, ~self.weight_held & np.isfinite(self.least_mu)),
+            (Status.NO_FORCES, ~self.weight_held & ~np.isfinite(self.least_mu)),
+            (Status.UNDECIDED, undecided),
+            (Status.NO_CONTACT, self.touched < 2),
+            (Status.SELF_COLLISION, self.collision >= 0),
+            (Status.PENETRATES, self.depth > 0),
+            (Status.GEOMETRY_FAILED, self.failed),
+            (Status.JOINT_LIMIT, self.beyond),
         ):
-            self.reason[where] = int(reason)
+            self.reason[where] = status.code
 
     def _unproducible(self) -> Array:
         """Share of the depths (N,) that neither the joints nor a shift of the object can choose.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -13,51 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from pinograsp.checks import brief, integer, items_of, read_only
 from pinograsp.contacts import PALM, Contact, ContactSet
-from pinograsp.errors import InvalidInput
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceProblem, GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.hands.drives import ratios_of
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, BoolArray, IntArray, tangent_frame
-
-
-class Reason(IntEnum):
-    """Why a grasp does not hold; 0 where it does. The numbers stay as they are: files have them."""
-
-    HELD = 0
-    JOINT_LIMIT = 1
-    PENETRATES = 2
-    SELF_COLLISION = 3
-    NO_CONTACT = 4
-    NO_FORCES = 5
-    FRICTION = 6
-    RESERVE = 7
-    TORQUE = 8
-    DRIVES = 9
-    UNDECIDED = 10
-    GEOMETRY_FAILED = 11
-
-    @property
-    def words(self) -> str:
-        """The reason as a sentence without its figures."""
-        return _WORDS[self]
-
-
-_WORDS = {
-    Reason.HELD: "holds the weight and the reserve",
-    Reason.JOINT_LIMIT: "a joint is beyond its limits",
-    Reason.PENETRATES: "a link is deeper in the object than the tolerance",
-    Reason.SELF_COLLISION: "links of the hand overlap",
-    Reason.NO_CONTACT: "fewer than two links touch the object",
-    Reason.NO_FORCES: "no forces at these contacts hold the weight, whatever the friction (proven up to mu = 2)",
-    Reason.FRICTION: "no forces at these contacts hold the weight with this friction (proven); with more some do",
-    Reason.RESERVE: "the weight is held, but not all that the reserve adds to it",
-    Reason.TORQUE: "forces hold the object, but the squeeze takes more torque than the joints have",
-    Reason.DRIVES: "forces hold the object, but the hand's drives cannot make them together",
-    Reason.UNDECIDED: "the solver gave no answer that passes its certificate",
-    Reason.GEOMETRY_FAILED: "the distance from the object could not be computed",
-}
-
 
 _FEWEST, _NEARLY_ALL = 5, 0.9  # grasps, and the share of them from which on chance does not explain it
 _FRAMES = (
@@ -82,7 +42,7 @@ class Certificates:
         conditions: friction, limits and the reserve.
         q: postures (N, n) [rad or m], put on the limits where they were a little beyond.
         roots: oMh of the hand's root (N, 4, 4).
-        reason: a :class:`Reason` each (N,); 0: held.
+        reason: the code of a :class:`~pinograsp.errors.Status` each (N,); 0: held.
         counts: contacts (N,), without links that cannot come to the surface while the others stay there.
         links: of each contact (N, k), an index into ``link_names``.
         link_names: names of the links.
@@ -171,7 +131,7 @@ class Certificates:
     @property
     def held(self) -> BoolArray:
         """Which grasps hold the object with its reserve (N,)."""
-        held: BoolArray = self.reason == Reason.HELD
+        held: BoolArray = self.reason == Status.HELD.code
         return held
 
     @property
@@ -189,7 +149,7 @@ class Certificates:
         """How many hold, why the others do not, and the hint."""
         reasons, counts = np.unique(self.reason, return_counts=True)
         lines = [f"{self.held.sum()} of {len(self)} grasps hold"]
-        lines += [f"  {counts[i]}: {Reason(reasons[i]).words}" for i in np.argsort(-counts, kind="stable")]
+        lines += [f"  {counts[i]}: {Status.from_code(reasons[i]).words}" for i in np.argsort(-counts, kind="stable")]
         return "\n".join([*lines, *([f"  hint: {self.hint}"] if self.hint else [])])
 
     def __str__(self) -> str:
@@ -200,13 +160,13 @@ class Certificates:
         there is no such grasp.
         """
         i = self._number(i)
-        reason = Reason(self.reason[i])
+        reason = Status.from_code(self.reason[i])
         figure = {
-            Reason.PENETRATES: f"{1e3 * self.depth[i]:.2g} mm",
-            Reason.NO_CONTACT: self._off(-float(self.depth[i])),
-            Reason.FRICTION: f"mu = {self.conditions.mu:g}, {self.least_mu[i]:.2g} is needed",
-            Reason.TORQUE: f"{self.effort[i]:.2g} times a joint's limit",
-            Reason.DRIVES: self._drives() if reason is Reason.DRIVES else "",
+            Status.PENETRATES: f"{1e3 * self.depth[i]:.2g} mm",
+            Status.NO_CONTACT: self._off(-float(self.depth[i])),
+            Status.FRICTION: f"mu = {self.conditions.mu:g}, {self.least_mu[i]:.2g} is needed",
+            Status.TORQUE: f"{self.effort[i]:.2g} times a joint's limit",
+            Status.DRIVES: self._drives() if reason is Status.DRIVES else "",
         }.get(reason, "")
         return f"{reason.words} ({figure})" if figure else reason.words
 
@@ -232,7 +192,9 @@ class Certificates:
         i = self._number(i)
         count = int(self.counts[i])
         if not count:
-            raise InvalidInput(f"grasp {i}: expected one that touches the object: {Reason(self.reason[i]).words}")
+            raise InvalidInput(
+                f"grasp {i}: expected one that touches the object: {Status.from_code(self.reason[i]).words}"
+            )
         hand = self.hand.placed(self.roots[i])
         data = hand.model.createData()
         pin.forwardKinematics(hand.model, data, np.array(self.q[i]))
@@ -264,7 +226,7 @@ def placement_hint(reasons: ArrayLike, depths: ArrayLike, what: str = "the objec
     """What to look at where nearly all grasps of an object are in it, off it, or beyond the joints' limits.
 
     Args:
-        reasons: a :class:`Reason` each (N,).
+        reasons: the code of a :class:`~pinograsp.errors.Status` each (N,).
         depths: likewise, as in :class:`Certificates` (N,) [m].
         what: the object, in words.
 
@@ -272,9 +234,9 @@ def placement_hint(reasons: ArrayLike, depths: ArrayLike, what: str = "the objec
         A sentence; empty where too many are neither, or there are fewer than five.
     """
     reason, depth = np.asarray(reasons), np.asarray(depths, dtype=float)
-    inside = reason == Reason.PENETRATES
-    off = reason == Reason.NO_CONTACT
-    beyond = reason == Reason.JOINT_LIMIT
+    inside = reason == Status.PENETRATES.code
+    off = reason == Status.NO_CONTACT.code
+    beyond = reason == Status.JOINT_LIMIT.code
     if len(reason) < _FEWEST or (inside | off | beyond).mean() < _NEARLY_ALL:
         return ""
     parts = []

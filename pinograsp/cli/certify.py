@@ -205,7 +205,7 @@ def _listed(given: list[Path]) -> list[Path]:
 def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> None:
     from rich.table import Table
 
-    from pinograsp.certification import Reason
+    from pinograsp.errors import Status
 
     screen = console()
     table = Table(box=None, header_style="bold")
@@ -213,7 +213,7 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> N
     for name in ("grasps", "share"):
         table.add_column(name, justify="right")
     table.add_column("")
-    words = {reason.name.lower(): reason.words for reason in Reason}
+    words = {str(status): status.words for status in Status if status.code >= 0}
     for reason, count in sorted(done.counts.items(), key=lambda one: -one[1]):
         if reason in words:
             table.add_row(reason, str(count), f"{100 * count / done.rows:.1f} %", words[reason])

@@ -16,20 +16,9 @@ from pinograsp.plan.simulation import Simulation
 from pinograsp.words import fixed, number, printable
 
 Level = Literal["yes", "caution", "no"]
-AnswerWord = Literal[
-    "Yes",
-    "Yes, with cautions",
-    "Barely",
-    "Almost",
-    "Not certain",
-    "Not with what it was tried with",
-    "No",
-    "The plan is not complete",
-    "No grasp",
-]
 
 # Every answer of :func:`does_it_hold`, by its first words, and what it means.
-ANSWERS: dict[AnswerWord, str] = {
+ANSWERS: dict[str, str] = {
     "Yes": "forces and moments are in balance with the load, nothing speaks against the plan, and it was held where it "
     "was simulated",
     "Yes, with cautions": "the same, but the plan has cautions: what its promise does not cover, each in words",
@@ -80,18 +69,9 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
             return _answer("caution", "Not with what it was tried with", lost)
         return _answer("no", "No", f". Lost in simulation: {reason}.")
     tried = f" {_seen(plan)}" if simulation is None else " Held in simulation."
-    if status is Status.NOT_TRACKED:
-        far = f": {_LOAD}, but the hand cannot follow their paths. {plan.remedy.rstrip('.')}.{tried}"
-        return _answer("caution", "Not certain", far)
-    if status is Status.DOUBTFUL:
-        return _answer("caution", "Not certain", f": {_LOAD}, but {plan.remedy}.{tried}")
-    if status is Status.UNBALANCED:
-        left = f"{number(plan.forces.residual_force, 3)} N and {number(plan.forces.residual_moment, 3)} N m"
-        return _answer("caution", "Almost", f": {_LOAD} but for {left}.{tried}")
     if status is not Status.OK:
-        level: Level = "no" if simulation is None else "caution"
-        shown = "" if simulation is None else tried
-        return _answer(level, "The plan is not complete", f" ({status}): {plan.remedy}{shown}")
+        level: Level = "no" if status.answer == "The plan is not complete" and simulation is None else "caution"
+        return _answer(level, status.answer, _without_success(plan, status, "" if level == "no" else tried))
     if plan.balance == "force":
         turns = f": moments are not balanced, a free object turns. Forces alone: {_LOAD}.{tried}"
         return _answer("caution", "Not certain", turns)
@@ -102,13 +82,25 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
     return _answer("yes", "Yes", f". {_LOAD[0].upper()}{_LOAD[1:]}, forces and moments in balance.{tried}")
 
 
-def _answer(level: Level, word: AnswerWord, text: str) -> Answer:
+def _without_success(plan: PlanRecord, status: Status, tried: str) -> str:
+    """What follows the first words of the answer of a plan that is not ``OK``."""
+    if status is Status.NOT_TRACKED:
+        return f": {_LOAD}, but the hand cannot follow their paths. {plan.remedy.rstrip('.')}.{tried}"
+    if status is Status.DOUBTFUL:
+        return f": {_LOAD}, but {plan.remedy}.{tried}"
+    if status is Status.UNBALANCED:
+        left = f"{number(plan.forces.residual_force, 3)} N and {number(plan.forces.residual_moment, 3)} N m"
+        return f": {_LOAD} but for {left}.{tried}"
+    return f" ({status}): {plan.remedy}{tried}"
+
+
+def _answer(level: Level, word: str, text: str) -> Answer:
     return Answer(level, f"{word}{text}")
 
 
 def no_grasp(status: Status) -> Answer:
     """The answer where there is no plan."""
-    return _answer("no", "No grasp", f" ({status}).")
+    return _answer("no", status.answer, f" ({status}).")
 
 
 def _seen(plan: PlanRecord) -> str:

@@ -16,10 +16,10 @@ import numpy as np
 from tqdm import tqdm
 
 from pinograsp import defaults
-from pinograsp.certification import Reason, placement_hint
+from pinograsp.certification import placement_hint
 from pinograsp.checks import brief, flag, instance_of, items_of, number, one_of, path_of, processes
 from pinograsp.data import FORMATS, Format, joined, read_grasps, write_grasps
-from pinograsp.errors import ExtraMissing, GraspsNotRead, InvalidInput
+from pinograsp.errors import ExtraMissing, GraspsNotRead, InvalidInput, Status
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array
@@ -271,7 +271,7 @@ def written_back(data: DataSet, folder: str | Path, target: str | Path) -> tuple
             if {inputs.source(path, object_named(rows)).inputs} != set(own["inputs"].to_pylist()):
                 raise InvalidInput("it, or its object, has changed since it was certified: certify it again")
             forces, points = (_padded(own[name]) for name in ("forces_N", "points_m"))
-            labels = {"held": own["code"].to_numpy() == int(Reason.HELD), "reason_code": own["code"].to_numpy()}
+            labels = {"held": own["code"].to_numpy() == Status.HELD.code, "reason_code": own["code"].to_numpy()}
             labels |= {name: np.minimum(own[name].to_numpy(), _MOST) for name in _WRITTEN}
             goal = target / path.resolve().relative_to(above)
             with write_errors(goal):

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pinograsp.certification import Certificates, Reason
+from pinograsp.certification import Certificates
+from pinograsp.errors import Status
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ def certified_table(source: Source, block: Block, found: Certificates) -> pa.Tab
         "row": block.rows,
         "object": [block.object_name] * count,
         "scale": np.full(count, block.scale),
-        "reason": [Reason(one).name.lower() for one in found.reason.tolist()],
+        "reason": [str(Status.from_code(one)) for one in found.reason.tolist()],
         "code": found.reason,
         "message": [found.words(i) for i in range(count)],
         "contacts": found.counts,

@@ -8,10 +8,10 @@ import pytest
 import trimesh
 
 import pinograsp as pg
-from pinograsp.certification import Certificates, Certifier, Reason, certify, trial_of
+from pinograsp.certification import Certificates, Certifier, certify, trial_of
 from pinograsp.contacts import close_hand, contacts_of
 from pinograsp.contacts.bulk import BulkScene
-from pinograsp.errors import InvalidInput, NoGrasp
+from pinograsp.errors import InvalidInput, NoGrasp, Status
 from pinograsp.hands import Drive
 from pinograsp.simulation.settings import Disturbance
 
@@ -170,25 +170,25 @@ def test_certified_forces_balance_and_keep_to_friction_and_torques(allegro):
 def reasons(closure, conditions=CONDITIONS, body=None, q=None, **options):
     q = closure.q if q is None else q
     found = certify(closure.hand, closure.object if body is None else body, np.atleast_2d(q), conditions, **options)
-    return [Reason(one) for one in found.reason]
+    return [Status.from_code(one) for one in found.reason]
 
 
 def test_each_reason_is_found(allegro, jaws):
     hand = allegro.hand
     beyond = np.array(allegro.q)
     beyond[0] = hand.upper[0] + 0.1
-    assert reasons(allegro, q=beyond) == [Reason.JOINT_LIMIT]
-    assert reasons(allegro, body=ball(allegro, 0.034)) == [Reason.PENETRATES]
-    assert reasons(allegro, body=ball(allegro, 0.02)) == [Reason.NO_CONTACT]
-    assert reasons(allegro) == [Reason.HELD]
+    assert reasons(allegro, q=beyond) == [Status.JOINT_LIMIT]
+    assert reasons(allegro, body=ball(allegro, 0.034)) == [Status.PENETRATES]
+    assert reasons(allegro, body=ball(allegro, 0.02)) == [Status.NO_CONTACT]
+    assert reasons(allegro) == [Status.HELD]
     # Eight corners of 2 N each, half of them on either side, bear 0.8 N at this friction; the box weighs 0.98 N.
-    assert reasons(jaws, pg.GraspConditions(mu=0.05, max_normal_force=2.0)) == [Reason.FRICTION]
-    assert reasons(jaws, pg.GraspConditions(mu=0.07, max_normal_force=2.0, reserve=None)) == [Reason.HELD]
-    assert reasons(allegro, pg.GraspConditions(mu=0.6, torque_limit=1e-3)) == [Reason.TORQUE]
+    assert reasons(jaws, pg.GraspConditions(mu=0.05, max_normal_force=2.0)) == [Status.FRICTION]
+    assert reasons(jaws, pg.GraspConditions(mu=0.07, max_normal_force=2.0, reserve=None)) == [Status.HELD]
+    assert reasons(allegro, pg.GraspConditions(mu=0.6, torque_limit=1e-3)) == [Status.TORQUE]
     strong = pg.Reserve(disturbance=0.5, moment_arm=0.5)
-    assert reasons(jaws, pg.GraspConditions(mu=0.6, reserve=strong, max_normal_force=3.0)) == [Reason.RESERVE]
+    assert reasons(jaws, pg.GraspConditions(mu=0.6, reserve=strong, max_normal_force=3.0)) == [Status.RESERVE]
     # The palm alone bears a weight that lies on it, but one link is no grasp.
-    assert reasons(jaws, palm=False) == [Reason.HELD]
+    assert reasons(jaws, palm=False) == [Status.HELD]
 
 
 def test_drives_that_cannot_make_the_forces_are_told_or_left_to_the_reader(allegro):
@@ -200,7 +200,7 @@ def test_drives_that_cannot_make_the_forces_are_told_or_left_to_the_reader(alleg
     motors = [Drive(name=name, joints=(name,), arms=(1.0,)) for name in allegro.hand.joint_names if name != joint]
     weak = allegro.hand.with_drives(motors)
     strict = certify(weak, allegro.object, allegro.q[None], CONDITIONS)
-    assert Reason(strict.reason[0]) is Reason.DRIVES and joint in strict.words(0) and not strict.producible[0]
+    assert Status.from_code(strict.reason[0]) is Status.DRIVES and joint in strict.words(0) and not strict.producible[0]
     lenient = certify(weak, allegro.object, allegro.q[None], CONDITIONS, drives=False)
     assert lenient.held[0] and not lenient.producible[0]
 
@@ -216,8 +216,8 @@ def test_fingers_that_cross_are_told():
     far = pg.Sphere(radius=0.02, mass=0.1, pose=pg.spatial.pose_of([1.0, 0, 0]))
     exact = contacts_of(hand, far, q).self_collisions
     found = certify(hand, far, q[None], CONDITIONS)
-    expected = Reason.SELF_COLLISION if exact else Reason.NO_CONTACT
-    assert Reason(found.reason[0]) is expected
+    expected = Status.SELF_COLLISION if exact else Status.NO_CONTACT
+    assert Status.from_code(found.reason[0]) is expected
 
 
 def test_more_friction_more_weight_and_less_reserve_go_the_right_way(allegro):
@@ -230,7 +230,7 @@ def test_more_friction_more_weight_and_less_reserve_go_the_right_way(allegro):
     # The friction that they need does not depend on the friction that they have, and decides.
     least = held[0.4].least_mu
     assert np.array_equal(least, held[0.8].least_mu)
-    lacking = held[0.4].reason == Reason.FRICTION
+    lacking = held[0.4].reason == Status.FRICTION.code
     assert (least[lacking] > 0.4 - 0.01).all() and (least[held[0.4].held] <= 0.4).all()
     plain = pg.GraspConditions(mu=0.4, reserve=None)
     assert (held[0.4].held <= certify(allegro.hand, allegro.object, q, plain, roots=roots).held).all()
@@ -241,7 +241,7 @@ def test_the_largest_load_is_held_and_a_heavier_one_takes_more_torque_than_there
     found = certify(allegro.hand, allegro.object, allegro.q[None], limited)
     assert found.held[0] and np.isfinite(found.largest_load[0])
     most = found.largest_load[0] / 9.81
-    for share, reason in ((0.99, Reason.HELD), (1.01, Reason.TORQUE)):
+    for share, reason in ((0.99, Status.HELD), (1.01, Status.TORQUE)):
         assert reasons(allegro, limited, ball(allegro, 0.03, share * most)) == [reason]
 
 

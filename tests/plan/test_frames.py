@@ -8,7 +8,8 @@ import pytest
 import trimesh
 
 import pinograsp as pg
-from pinograsp.certification import Reason, placement_hint
+from pinograsp.certification import placement_hint
+from pinograsp.errors import Status
 from pinograsp.spatial import pose_of, rotation_rpy
 
 SIZE, MASS = [0.05, 0.03, 0.09], 0.15
@@ -158,7 +159,7 @@ def test_how_far_off_the_nearest_link_is_is_told(primitive):
     found = pg.certify(
         pg.load_hand("panda"), primitive.body.placed(np.eye(4)), np.tile(q, (2, 1)), CONDITIONS, roots=up
     )
-    assert (found.reason == Reason.NO_CONTACT).all()
+    assert (found.reason == Status.NO_CONTACT.code).all()
     assert found.depth[0] - found.depth[1] == pytest.approx(0.02, abs=1e-4) and found.depth[0] < 0
     assert "mm off" in found.words(0)
 
@@ -171,5 +172,5 @@ def test_grasps_that_are_where_they_should_be_have_no_hint(primitive):
 
 @pytest.mark.parametrize("count, misplaced, is_hint", [(4, 4, False), (5, 5, True), (20, 18, True), (20, 17, False)])
 def test_few_misplaced_grasps_are_chance(count, misplaced, is_hint):
-    reasons = [Reason.PENETRATES] * misplaced + [Reason.RESERVE] * (count - misplaced)
+    reasons = [Status.PENETRATES.code] * misplaced + [Status.RESERVE.code] * (count - misplaced)
     assert bool(placement_hint(reasons, [0.012] * misplaced + [0.0] * (count - misplaced))) == is_hint

@@ -114,8 +114,9 @@ def test_infeasible_loads_raise_with_the_histogram(paper_case):
 
 def test_status_remedies():
     for status in Status:
-        assert bool(status.remedy) == (status is not Status.OK)
-        assert str(status) == status.value
+        assert bool(status.remedy) == (status not in (Status.OK, Status.HELD))
+        assert str(status) == status.value and status.words
+        assert status.code < 0 or Status.from_code(status.code) is status
 
 
 # -- storage -----------------------------------------------------------------------------------------------------------
