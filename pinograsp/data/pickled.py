@@ -1,19 +1,20 @@
-"""Pickles of plain data, read without running any: what their opcodes build is built here, and by nothing else.
+"""Pickles of plain data, read without running any: an unpickler that knows no names but those of numbers and arrays.
 
-:mod:`pickletools` splits a pickle into opcodes; a small machine carries out those that build numbers, texts, lists,
-tuples, dicts, NumPy arrays and PyTorch tensors. There is no import, no call of a class, no attribute: names that a
-pickle asks for are looked up in one table, and all others are refused by their name.
-The machine is longer than other modules: its opcodes are read together.
+The standard library's own, in Python, builds numbers, texts, lists, tuples and dicts; it is given no other opcodes than
+those need, and what it takes from a file is bounded before it is built. What a pickle asks for by name is looked up in
+one table of stand-ins, and all else is refused by its name. The C form of the unpickler is no base for this: it sets
+any key in any object, and hashes what keys a file has before anybody sees them.
 """
 
 from __future__ import annotations
 
 import io
 import math
+import pickle
 import pickletools
 import re
 from collections.abc import Callable, Mapping
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,17 @@ _MOST_DIMENSIONS = 32
 _LONGEST_LINE = 1000  # characters of a name or a number in text
 # Numbers, truth values and texts; sizes in bytes, of characters for U.
 _DTYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248]|[SU][1-9]\d{0,5}|O8?|\?)")
+_OPCODES = {
+    *("INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "FLOAT", "BINFLOAT"),
+    *("UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8"),
+    *("BINBYTES", "SHORT_BINBYTES", "BINBYTES8", "BYTEARRAY8"),
+    *("PROTO", "FRAME", "MARK", "STOP", "NONE", "NEWTRUE", "NEWFALSE"),
+    *("EMPTY_LIST", "LIST", "APPEND", "APPENDS", "EMPTY_TUPLE", "TUPLE", "TUPLE1", "TUPLE2", "TUPLE3"),
+    *("EMPTY_DICT", "DICT", "SETITEM", "SETITEMS"),
+    *("PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE", "GET", "BINGET", "LONG_BINGET"),
+    *("GLOBAL", "STACK_GLOBAL", "REDUCE", "BUILD", "BINPERSID"),
+}
+_CODES = {ord(one.code): one.name for one in pickletools.opcodes}
 
 
 class PickleRefused(ValueError):
@@ -73,11 +85,26 @@ class _Name:
         self.name = name
 
 
-_MARK = object()
+class _Dispatch:
+    """The unpickler's steps by opcode: counted, and only those that plain data needs."""
+
+    def __init__(self, steps: Mapping[int, Callable[..., Any]]):
+        self._steps, self._left, self.opcode = steps, _MOST_OPCODES, ""
+
+    def __getitem__(self, code: int) -> Callable[..., Any]:
+        self.opcode = _CODES.get(code, f"{code:#x}")
+        self._left -= 1
+        if self._left < 0:
+            raise PickleRefused(f"expected at most {_MOST_OPCODES} opcodes")
+        if self.opcode not in _OPCODES:
+            if code not in _CODES:
+                raise ValueError(f"no opcode {self.opcode}")
+            raise PickleRefused(f"opcode {self.opcode} is refused: plain data needs none")
+        return self._steps[code]
 
 
-class Unpickled:
-    """The machine. ``value`` is what a pickle holds.
+class Unpickled(pickle._Unpickler):
+    """``value`` is what a pickle holds.
 
     Args:
         content: the pickle, from its first byte; what comes after its end is not looked at.
@@ -85,6 +112,12 @@ class Unpickled:
         names: further names, with what stands for them: a function of the call's arguments, or any other value.
         stored: what stands for a persistent id, where there may be any.
     """
+
+    stack: list[Any]
+    metastack: list[list[Any]]
+    append: Callable[[Any], None]
+    pop_mark: Callable[[], list[Any]]
+    read: Callable[[int], bytes]
 
     def __init__(
         self,
@@ -94,49 +127,36 @@ class Unpickled:
         names: Mapping[str, Any] | None = None,
         stored: Callable[[Any], Any] | None = None,
     ):
+        super().__init__(_Lines(content))
         self._names = {**_NUMPY, **(names or {})}
-        self._stored = stored
-        self._stack: list[Any] = []
-        self._memo: dict[int, Any] = {}
+        self._stored, self._size = stored, len(content)
         self._room = self._left = min(_MOST_BYTES, _SMALL + _ARRAYS_A_BYTE * (len(content) if size is None else size))
         self._most_items = _FEW + _ITEMS_A_BYTE * len(content)
-        self._opcode = ""
-        self.value: Any = None
+        self._steps = _Dispatch({**pickle._Unpickler.dispatch, **_STEPS})
+        self.dispatch = self._steps  # type: ignore[misc, assignment]
         try:
-            self._run(content)
+            self.value = _plain(self.load())
+            self._check_extent(self.value)
         except PickleRefused as refusal:
             raise PickleRefused(str(refusal), self._complete_rows()) from None
         except Exception as error:  # what comes of a broken file: of the length, of a number, of an empty stack
             text = " ".join(str(error).split())[:200]
-            where = f" at opcode {self._opcode}" * bool(self._opcode)
+            where = f" at opcode {self._steps.opcode}" * bool(self._steps.opcode)
             raise PickleRefused(f"the pickle is broken or cut off{where} ({text})", self._complete_rows()) from None
-
-    def _run(self, content: bytes) -> None:
-        for count, (opcode, argument, _) in enumerate(pickletools.genops(_Lines(content))):
-            self._opcode = opcode.name
-            if count > _MOST_OPCODES:
-                raise PickleRefused(f"expected at most {_MOST_OPCODES} opcodes")
-            if opcode.name in _PUSHED:
-                self._stack.append(argument)
-            elif (step := _STEPS.get(opcode.name)) is not None:
-                step(self, argument)
-            elif opcode.name == "STOP":
-                self.value = _plain(self._stack.pop())
-                self._check_extent(self.value)
-                return
-            elif opcode.name not in _IGNORED:
-                raise PickleRefused(f"opcode {opcode.name} is refused: plain data needs none")
-        raise PickleRefused("the pickle is cut off")
 
     def _complete_rows(self) -> list[Any]:
         """Items of the outermost list that stand before a fault."""
-        lists = [at for at, one in enumerate(self._stack) if type(one) is list]
-        if not lists:
+        levels = [*self.metastack, self.stack]
+        place = next(
+            ((i, j) for i, level in enumerate(levels) for j, one in enumerate(level) if type(one) is list), None
+        )
+        if place is None:
             return []
-        rows, *above = self._stack[lists[0] :]
-        if above and above[0] is _MARK:
-            inner = next((at for at, one in enumerate(above[1:], 1) if one is _MARK), None)
-            rows = [*rows, *(above[1:] if inner is None else above[1 : inner - 1])]
+        i, j = place
+        rows = list(levels[i][j])
+        if j + 1 == len(levels[i]) and i + 1 < len(levels):  # rows that are to be added together
+            # The last of them may be a dict whose items are still to come, above a further mark.
+            rows += levels[i + 1][:-1] if i + 2 < len(levels) else levels[i + 1]
         complete = [one for one in rows if type(one) is dict and one]
         try:
             self._check_extent(complete)
@@ -150,83 +170,63 @@ class Unpickled:
         except ValueError as error:
             raise PickleRefused(str(error)) from None
 
-    # -- opcodes
+    # -- what a pickle may ask for
 
-    def _pop_to_mark(self) -> list[Any]:
-        at = len(self._stack) - 1
-        while self._stack[at] is not _MARK:
-            at -= 1
-            if at < 0:
-                raise IndexError("there is no mark")
-        items = self._stack[at + 1 :]
-        del self._stack[at:]
-        return items
+    def find_class(self, module: str, name: str) -> Any:
+        """The stand-in of a name."""
+        asked = f"{module} {name}"
+        if asked not in self._names:
+            shown = ".".join(asked.split())[:100]
+            raise PickleRefused(f"it asks for '{shown}', which is not plain data: nothing of the file was run")
+        value = self._names[asked]
+        return _Name(asked) if callable(value) else value
 
-    def _pop(self) -> Any:
-        value = self._stack.pop()
-        if value is _MARK:
-            raise IndexError("a mark where a value was expected")
-        return value
+    def persistent_load(self, pid: Any) -> Any:
+        """What stands for something outside of the pickle."""
+        if self._stored is None:
+            raise PickleRefused("it refers to something outside of it")
+        return self._stored(pid)
 
-    def _tuple(self, count: int) -> None:
-        items = [self._pop() for _ in range(count)][::-1]
-        self._stack.append(tuple(items))
+    # -- steps that build from what is on the stack
 
     def _append(self, items: list[Any]) -> None:
-        into = self._stack[-1]
+        into = self.stack[-1]
         if type(into) is not list:
             raise PickleRefused(f"items are added to a {_kind(into)}: expected a list")
         into.extend(map(_plain, items))
 
     def _set(self, items: list[Any]) -> None:
-        into = self._stack[-1]
+        into = self.stack[-1]
         if type(into) is not dict:
             raise PickleRefused(f"items are set in a {_kind(into)}: expected a dict")
         if len(items) % 2:
             raise PickleRefused("a key without a value")
         for key, value in zip(items[::2], items[1::2]):
-            into[self._key(key)] = _plain(value)
-
-    @staticmethod
-    def _key(key: Any) -> str | int:
-        # Tuples within tuples are hashed without an end.
-        if not (isinstance(key, str) or (isinstance(key, int) and -_LARGEST_KEY < key < _LARGEST_KEY)):
-            kind = "too large an int" if isinstance(key, int) else f"a {_kind(key)}"
-            raise PickleRefused(f"{kind} as a key: expected texts and integers")
-        return key
+            # Tuples within tuples are hashed without an end.
+            if not (isinstance(key, str) or (isinstance(key, int) and -_LARGEST_KEY < key < _LARGEST_KEY)):
+                kind = "too large an int" if isinstance(key, int) else f"a {_kind(key)}"
+                raise PickleRefused(f"{kind} as a key: expected texts and integers")
+            into[key] = _plain(value)
 
     def _dict(self) -> None:
-        items = self._pop_to_mark()
-        self._stack.append({})
+        items = self.pop_mark()
+        self.append({})
         self._set(items)
 
-    def _put(self, at: int | None) -> None:
-        place = len(self._memo) if at is None else at
-        if not 0 <= place <= _MOST_OPCODES:
-            raise PickleRefused(f"expected at most {_MOST_OPCODES} values to come back to, got number {place}")
-        self._memo[place] = self._stack[-1]
-
-    def _get(self, at: int) -> None:
-        self._stack.append(self._memo[at])
-
-    def _global(self, name: str | None) -> None:
-        if name is None:
-            inner, module = self._pop(), self._pop()
-            name = f"{module} {inner}"
-        if name not in self._names:
-            shown = ".".join(str(name).split())[:100]
-            raise PickleRefused(f"it asks for '{shown}', which is not plain data: nothing of the file was run")
-        value = self._names[name]
-        self._stack.append(_Name(name) if callable(value) else value)
+    def _bytearray(self) -> None:
+        (size,) = np.frombuffer(self.read(8), dtype="<u8").tolist()
+        if size > self._size:
+            raise pickle.UnpicklingError("pickle data was truncated")
+        self.append(bytearray(self.read(size)))
 
     def _reduce(self) -> None:
-        arguments, name = self._pop(), self._pop()
+        arguments, name = self.stack.pop(), self.stack.pop()
         if type(name) is not _Name or type(arguments) is not tuple:
             raise PickleRefused(f"a {_kind(name)} is called: nothing of the file was run")
-        self._stack.append(self._names[name.name](self, *arguments))
+        self.append(self._names[name.name](self, *arguments))
 
     def _build(self) -> None:
-        state, value = self._pop(), self._stack[-1]
+        state, value = self.stack.pop(), self.stack[-1]
         if type(value) is _Array and type(state) is tuple and len(state) == 5:
             _, shape, kind, fortran, raw = state
             value.value = self.array(kind, shape, raw, bool(fortran))
@@ -234,11 +234,6 @@ class Unpickled:
             _ordered(value, state)
         else:
             raise PickleRefused(f"a {_kind(value)} gets a state: nothing of the file was run")
-
-    def _persistent(self) -> None:
-        if self._stored is None:
-            raise PickleRefused("it refers to something outside of it")
-        self._stack.append(self._stored(self._pop()))
 
     # -- arrays
 
@@ -295,8 +290,6 @@ def sizes_of(shape: Any) -> tuple[int, ...]:
 
 
 def _kind(value: Any) -> str:
-    if value is _MARK:
-        return "mark"
     return type(value).__name__ if not isinstance(value, _Name) else f"name '{'.'.join(value.name.split())}'"
 
 
@@ -306,7 +299,7 @@ def _plain(value: Any) -> Any:
         if value.value is None:
             raise PickleRefused("an array without its numbers")
         return value.value
-    if value is _MARK or isinstance(value, _Name | _Type):
+    if isinstance(value, _Name | _Type):
         raise PickleRefused(f"a {_kind(value)} as a value: it is not plain data")
     return value
 
@@ -356,7 +349,7 @@ def _ordered_dict(machine: Unpickled, *items: Any) -> dict[Any, Any]:
     return {}
 
 
-def _never(machine: Unpickled, *arguments: Any) -> NoReturn:
+def _never(machine: Unpickled, *arguments: Any) -> None:
     raise PickleRefused("a class is called: nothing of the file was run")
 
 
@@ -371,40 +364,14 @@ for _core in ("core", "_core"):
     _NUMPY[f"numpy.{_core}.multiarray scalar"] = _scalar
     _NUMPY[f"numpy.{_core}.numeric _frombuffer"] = _from_buffer
 
-_PUSHED = {
-    *("INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "FLOAT", "BINFLOAT"),
-    *("UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8"),
-    *("BINBYTES", "SHORT_BINBYTES", "BINBYTES8", "BYTEARRAY8"),
-}
-_IGNORED = {"PROTO", "FRAME"}
-_STEPS: dict[str, Callable[[Unpickled, Any], object]] = {
-    "MARK": lambda m, _: m._stack.append(_MARK),
-    "NONE": lambda m, _: m._stack.append(None),
-    "NEWTRUE": lambda m, _: m._stack.append(True),
-    "NEWFALSE": lambda m, _: m._stack.append(False),
-    "EMPTY_LIST": lambda m, _: m._stack.append([]),
-    "LIST": lambda m, _: m._stack.append(list(map(_plain, m._pop_to_mark()))),
-    "APPEND": lambda m, _: m._append([m._pop()]),
-    "APPENDS": lambda m, _: m._append(m._pop_to_mark()),
-    "EMPTY_TUPLE": lambda m, _: m._stack.append(()),
-    "TUPLE": lambda m, _: m._stack.append(tuple(m._pop_to_mark())),
-    "TUPLE1": lambda m, _: m._tuple(1),
-    "TUPLE2": lambda m, _: m._tuple(2),
-    "TUPLE3": lambda m, _: m._tuple(3),
-    "EMPTY_DICT": lambda m, _: m._stack.append({}),
-    "DICT": lambda m, _: m._dict(),
-    "SETITEM": lambda m, _: m._set([m._pop(), m._pop()][::-1]),
-    "SETITEMS": lambda m, _: m._set(m._pop_to_mark()),
-    "PUT": lambda m, at: m._put(at),
-    "BINPUT": lambda m, at: m._put(at),
-    "LONG_BINPUT": lambda m, at: m._put(at),
-    "MEMOIZE": lambda m, _: m._put(None),
-    "GET": lambda m, at: m._get(at),
-    "BINGET": lambda m, at: m._get(at),
-    "LONG_BINGET": lambda m, at: m._get(at),
-    "GLOBAL": lambda m, name: m._global(name),
-    "STACK_GLOBAL": lambda m, _: m._global(None),
-    "REDUCE": lambda m, _: m._reduce(),
-    "BUILD": lambda m, _: m._build(),
-    "BINPERSID": lambda m, _: m._persistent(),
+_STEPS: dict[int, Callable[[Unpickled], object]] = {
+    pickle.APPEND[0]: lambda m: m._append([m.stack.pop()]),
+    pickle.APPENDS[0]: lambda m: m._append(m.pop_mark()),
+    pickle.LIST[0]: lambda m: m.append(list(map(_plain, m.pop_mark()))),
+    pickle.SETITEM[0]: lambda m: m._set([m.stack.pop(), m.stack.pop()][::-1]),
+    pickle.SETITEMS[0]: lambda m: m._set(m.pop_mark()),
+    pickle.DICT[0]: Unpickled._dict,
+    pickle.BYTEARRAY8[0]: Unpickled._bytearray,
+    pickle.REDUCE[0]: Unpickled._reduce,
+    pickle.BUILD[0]: Unpickled._build,
 }
