@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -131,14 +131,14 @@ def certify(
     import numpy as np
 
     from pinograsp.checks import one_of
-    from pinograsp.data import FORMATS, Format
+    from pinograsp.data import FORMATS
     from pinograsp.forces import GraspConditions, Reserve
     from pinograsp.hands import load_hand
     from pinograsp.sweep import DataSet, certify_files, written_back
     from pinograsp.sweep.workers import BACKENDS
     from pinograsp.viz.certified import certified_picture
 
-    kind: Format | Literal["auto"] = "auto" if format == "auto" else one_of("--format", format, FORMATS)
+    kind = "auto" if format == "auto" else one_of("--format", format, FORMATS)
     if out.resolve() in [path.resolve() for path in (objects, back) if path is not None]:
         raise InvalidInput("--out: expected a folder of its own")
     told = loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)

@@ -4,9 +4,11 @@ and written back with newtons.
 
 from pinograsp.data.alignment import Alignment, JointAxes, alignment, joint_axes
 from pinograsp.data.conventions import CONVENTIONS, Convention
+from pinograsp.data.format import Format
+from pinograsp.data.formats import FORMATS
 from pinograsp.data.placing import placed
-from pinograsp.data.reading import FORMATS, read_grasps
-from pinograsp.data.rows import Format, GraspRows
+from pinograsp.data.reading import read_grasps
+from pinograsp.data.rows import GraspRows
 from pinograsp.data.writing import joined, write_grasps
 
 __all__ = [

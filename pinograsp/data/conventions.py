@@ -11,7 +11,6 @@ import numpy as np
 from pinograsp.checks import brief, read_only
 from pinograsp.data import skeletons
 from pinograsp.data.alignment import JointAxes
-from pinograsp.data.rows import GraspRows
 from pinograsp.spatial import Array
 
 
@@ -174,31 +173,6 @@ CONVENTIONS: dict[str, Convention] = {
         ),
     )
 }
-
-_BY_HAND_NAME = {"shadow": "shadow_mjcf", "allegro": "allegro_mjcf", "leap": "leap_mjcf"}
-
-
-def convention_of(rows: GraspRows) -> str | None:
-    """The convention of a file, as far as its format, names and number of joints tell; None where they do not."""
-    names, width = set(rows.joint_names), rows.q.shape[1]
-    if rows.format == "dexonomy":
-        return _BY_HAND_NAME.get(rows.hand_name)
-    if rows.format == "dexgraspbench":
-        return "shadow_mjcf" if width == 22 else None  # 16: Allegro or LEAP
-    if rows.format == "acronym":
-        return "panda_graspgen" if rows.hand_name == "panda" else None
-    telling = {
-        "dexgraspnet": {"robot0:FFJ3": "shadow_dexgraspnet", "joint_0.0": "allegro_palm"},
-        "bodex": {"rh_FFJ4": "shadow_palm", "joint_0.0": "allegro_palm", "j0": "leap_base"},
-        "get_a_grip": {"joint_0.0": "allegro_palm"},
-        "graspqp": {
-            "robot0_FFJ3": "shadow_graspqp",
-            "index_joint_0": "allegro_graspqp",
-            "panda_finger_joint1": "panda_graspqp",
-        },
-    }.get(rows.format, {})
-    return next((convention for name, convention in telling.items() if name in names), None)
-
 
 _SHADOW_JOINT = re.compile(r"(WR|FF|MF|RF|LF|TH)J([0-6])$")
 _ALLEGRO_JOINTS = (

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import stat
+import zipfile
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Literal
 
 import numpy as np
 
 from pinograsp.checks import one_line, path_of
+from pinograsp.data.keys import Keys
 from pinograsp.data.pickled import PickleRefused, Unpickled
 from pinograsp.errors import GraspsNotRead
+
+Keep = Literal["valid", "all"]
 
 LARGEST = 2**29  # [bytes] of a file that is read at once
 _LARGEST_TEXT = 2**26  # of JSON or YAML, which grow when they are taken apart
@@ -27,10 +32,17 @@ def header_of(stream: IO[bytes], version: tuple[int, int]) -> tuple[tuple[int, .
 
 
 class File:
-    """A file that is there; its parts are read when they are asked for."""
+    """A file that is there; its parts are read when they are asked for.
 
-    def __init__(self, path: str | Path):
+    Args:
+        path: the file.
+        block: grasps that are wanted at once, of formats that are read a part at a time.
+        keep: as for :func:`~pinograsp.data.read_grasps`.
+    """
+
+    def __init__(self, path: str | Path, *, block: int = 1024, keep: Keep = "valid"):
         self.path = path_of("path", path)
+        self.block, self.keep = block, keep
         self.source = str(self.path)
         try:
             if not os.path.lexists(self.path):
@@ -48,6 +60,49 @@ class File:
             raise GraspsNotRead(self.source, one_line(error)) from error
         if not self.size:
             raise GraspsNotRead(self.source, "the file is empty: was it copied completely?")
+
+    @property
+    def container(self) -> str:
+        """What kind of file it is, by its first bytes."""
+        if self.head.startswith(b"\x93NUMPY"):
+            return "an .npy file"
+        if self.head.startswith(b"\x89HDF\r\n\x1a\n"):
+            return "an HDF5 file"
+        if self.head.startswith(b"PK"):
+            return "a ZIP archive"
+        if self.head.startswith(b"\x80"):
+            return "a bare pickle (of PyTorch before 1.6, perhaps: load it with torch there, and save it again)"
+        head = self.head.lstrip(b"\xef\xbb\xbf")
+        return "text" if b"\0" not in head and head.strip() else "something unknown"
+
+    def describe(self) -> str:
+        """What is in it, for messages."""
+        if self.container == "a ZIP archive":
+            return f"a ZIP archive of {', '.join(self.members[:6])}"[:200]
+        if self.container != "an .npy file":
+            return self.container
+        value = self.pickled[0]
+        if not isinstance(value, dict):
+            return f"an .npy file with a {type(value).__name__} in it"
+        return f"a dict with the keys {', '.join(str(key)[:40] for key in itertools.islice(value, 10)) or '(none)'}"
+
+    @cached_property
+    def members(self) -> list[str]:
+        """Names of the files in an archive."""
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                return archive.namelist()
+        except Exception as error:  # zipfile raises whatever comes of a broken file
+            raise GraspsNotRead(self.source, f"the ZIP archive is broken or cut off ({error})") from error
+
+    def has(self, name: str) -> bool:
+        """Whether an .npy file holds a dict with this key."""
+        value = self.pickled[0]
+        return isinstance(value, dict) and name in value
+
+    def keys(self, format: str) -> Keys:
+        """The dict that an .npy file holds."""
+        return Keys(self.source, self.pickled[0], format)
 
     @cached_property
     def content(self) -> bytes:

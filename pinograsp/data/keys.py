@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from pinograsp.errors import GraspsNotRead
 from pinograsp.spatial import Array
 from pinograsp.words import printable
 
+_Row = TypeVar("_Row")
 _MOST_NUMBERS = 2_000_000  # in lists; arrays have no such limit
 _MOST_STACKED = 2**28  # [bytes] of arrays, which may be the same ones again and again
 _DEEPEST = 6  # lists within each other
@@ -127,13 +128,32 @@ class Keys:
     def leftovers(self, taken: Iterable[str], count: int) -> tuple[dict[str, Any], dict[str, Any]]:
         """Further numbers of each row: those of one number a row (N,), and those of more (N, ...)."""
         labels, extras = {}, {}
-        for name, value in self.values.items():
-            if isinstance(name, str) and name not in taken and (array := as_numbers(value)) is not None:
-                if array.shape == (count,):
-                    labels[printable(name)] = array
-                elif array.ndim > 1 and len(array) == count:
-                    extras[printable(name)] = array
+        for name, array in self.arrays(taken).items():
+            if array.shape == (count,):
+                labels[printable(name)] = array
+            elif array.ndim > 1 and len(array) == count:
+                extras[printable(name)] = array
         return labels, extras
+
+    def arrays(self, taken: Iterable[str], *, lists: bool = True) -> dict[str, NDArray[Any]]:
+        """All numbers under other keys than those that were taken; ``lists``: also those of lists."""
+        return {
+            name: array
+            for name, value in self.values.items()
+            if isinstance(name, str) and name not in taken and (lists or not isinstance(value, list | tuple))
+            if (array := as_numbers(value)) is not None
+        }
+
+
+def rows_to_fault(items: Iterable[Keys], make: Callable[[Keys, list[_Row]], _Row]) -> tuple[list[_Row], str | None]:
+    """What ``make`` takes from each mapping, given the rows before it, up to the first that is refused, and why."""
+    rows: list[_Row] = []
+    try:
+        for keys in items:
+            rows.append(make(keys, rows))
+    except GraspsNotRead as refusal:
+        return rows, refusal.problem
+    return rows, None
 
 
 def is_name(value: object) -> bool:

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, floats_of, instance_of, mapping_of, one_of, placement_of, read_only
 from pinograsp.data.alignment import Alignment, JointAxes, alignment, joint_axes
-from pinograsp.data.conventions import CONVENTIONS, Convention, convention_of, known_names
+from pinograsp.data.conventions import CONVENTIONS, Convention, known_names
+from pinograsp.data.formats import FORMATS
 from pinograsp.data.rows import GraspRows
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
@@ -75,8 +76,9 @@ def placed(
         for (_, name), sign in zip(pairs, laid.signs):
             q[:, hand.joint_names.index(name)] *= sign
     poses = np.array(rows.poses)
-    if rows.format == "graspnet" and "depth" in rows.labels:
-        poses[:, :3, 3] += rows.labels["depth"][:, None] * poses[:, :3, 0]
+    kind = FORMATS.get(rows.format)
+    if kind is not None and kind.reach in rows.labels:
+        poses[:, :3, 3] += rows.labels[kind.reach][:, None] * poses[:, :3, 0]
     return read_only(poses @ inverse_of(root)), read_only(q)
 
 
@@ -104,20 +106,22 @@ def _convention(
         return CONVENTIONS[one_of("convention", name, CONVENTIONS)]
     if original is not None:
         return None
-    found = convention_of(rows)
-    if found is not None:
-        return CONVENTIONS[found]
+    if (meant := _told(rows)) is not None:
+        return meant
     if frame is None and palm_in_root is None:
-        which = {
-            "dexgraspbench": "convention='allegro_mjcf' or 'leap_mjcf', which files of DexGraspBench do not tell apart",
-            "graspgen": "convention='panda_graspgen' if the grasps are for it",
-            "graspnet": "palm_in_root= for the frame between the fingertips' ends (x approaches, y closes)",
-        }.get(rows.format, f"convention=, one of {', '.join(CONVENTIONS)}")
+        kind = FORMATS.get(rows.format)
+        which = (kind.ask if kind is not None else "") or f"convention=, one of {', '.join(CONVENTIONS)}"
         raise InvalidInput(
             f"rows: which frame and joints a {rows.format} file means by hand '{rows.hand_name}' is not known: give "
             f"{which}; or original=, the file's own description of the hand; or frame= or palm_in_root= with joints="
         )
     return None
+
+
+def _told(rows: GraspRows) -> Convention | None:
+    """What a file means, as far as its format, names and number of joints tell."""
+    kind = FORMATS.get(rows.format)
+    return None if kind is None else CONVENTIONS.get(kind.convention(rows) or "")
 
 
 def _matched(
@@ -136,7 +140,7 @@ def _matched(
             f"joints: the file does not name its {width} joints{wanted}: give the hand's joints in the file's order"
         )
     there = (*hand.joint_names, *hand.couplings)
-    naming = known or CONVENTIONS.get(convention_of(rows) or "")
+    naming = known or _told(rows)
     match = dict(zip(file, names)) if ordered else _by_name(file, there, naming)
     if isinstance(joints, Mapping):
         for name, target in mapping_of("joints", joints, "{file's joint: hand's joint}").items():

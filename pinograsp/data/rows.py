@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -10,22 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pinograsp.checks import brief, integer, one_of, read_only, shown
+from pinograsp.data.keys import stacked
 from pinograsp.data.rotations import nearest_rotations
 from pinograsp.errors import GraspsNotRead, InvalidInput
 from pinograsp.spatial import FARTHEST, Array, BoolArray, inverse_of
 
-Format = Literal[
-    "dexgraspnet",
-    "bodex",
-    "dexgraspbench",
-    "dexonomy",
-    "graspqp",
-    "get_a_grip",
-    "acronym",
-    "graspgen",
-    "graspnet",
-    "isaac",
-]
 Table = Mapping[str, NDArray[Any]]
 
 _ROTATION_TOLERANCE = 2e-3  # of matrices and quaternions written in 32 bits, or with a few digits
@@ -40,7 +29,7 @@ class GraspRows:
 
     Attributes:
         source: the file.
-        format: how it is written.
+        format: how it is written, a name of :data:`~pinograsp.data.FORMATS`.
         first: index of the first of these rows in the file.
         object_name: what the file calls the object: a path, a code; "" where it does not say.
         hand_name: what the file calls the hand; "" where it does not say.
@@ -59,7 +48,7 @@ class GraspRows:
     """
 
     source: str
-    format: Format
+    format: str
     first: int
     object_name: str
     hand_name: str
@@ -160,13 +149,25 @@ class Draft:
         if bad.any() and (self.fault is None or int(bad.argmax()) < self.fault[0]):
             self.fault = int(bad.argmax()), problem
 
+    def end(self, problem: str | None) -> None:
+        """Remember that the row after the last one cannot be used, and why."""
+        if problem is not None and self.fault is None:
+            self.fault, self.last = (len(self.poses), problem), None
+
+    def put_tables(self, rows: Sequence[Mapping[str, NDArray[Any]]], source: str) -> None:
+        """Further numbers of each row, by name; those that are not in all of them, or of other shapes, are left out."""
+        for name in rows[0] if rows else ():
+            array = stacked([row.get(name) for row in rows], source)
+            if array is not None:
+                (self.extras if array.ndim > 1 else self.labels)[name] = array
+
 
 _POSES = ("poses", "pregrasp_poses", "squeeze_poses")
 _JOINTS = ("q", "pregrasp_q", "squeeze_q")
 EACH_ROW = (*_POSES, *_JOINTS, "scale", "widths")
 
 
-def checked_rows(draft: Draft, *, source: str, kind: Format, first: int, block: int) -> Iterator[GraspRows]:
+def checked_rows(draft: Draft, *, source: str, kind: str, first: int, block: int) -> Iterator[GraspRows]:
     """The rows of a draft in blocks, up to the first that cannot be used.
 
     Raises:
@@ -214,7 +215,7 @@ def _rotations(matrices: Array) -> BoolArray:
     return proper
 
 
-def _rows(draft: Draft, part: slice, *, source: str, kind: Format, first: int) -> GraspRows:
+def _rows(draft: Draft, part: slice, *, source: str, kind: str, first: int) -> GraspRows:
     values: dict[str, Any] = {}
     for name in EACH_ROW:
         array = getattr(draft, name)

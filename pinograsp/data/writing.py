@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,45 +12,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pinograsp.checks import array_of, items_of, mapping_of, one_of, read_only
-from pinograsp.data import acronym, bodex, dexgraspbench, dexgraspnet, get_a_grip, graspgen, graspqp, isaac
+from pinograsp.data.format import UNIT, Format, Payload
+from pinograsp.data.formats import FORMATS
 from pinograsp.data.keys import as_numbers
-from pinograsp.data.reading import FORMATS
-from pinograsp.data.rows import EACH_ROW, Format, GraspRows
-from pinograsp.data.written import UNIT, Payload
+from pinograsp.data.rows import EACH_ROW, GraspRows
 from pinograsp.errors import InvalidInput
 from pinograsp.writing import write_file
 
 _FORCES, _POINTS = "contact_force", "contact_point"
-_WRITERS: dict[str, Callable[[GraspRows, Payload], bytes]] = {
-    "dexgraspnet": dexgraspnet.write,
-    "bodex": bodex.write,
-    "dexgraspbench": dexgraspbench.write,
-    "dexonomy": dexgraspbench.write_dexonomy,
-    "graspqp": graspqp.write,
-    "get_a_grip": get_a_grip.write,
-    "acronym": acronym.write,
-    "graspgen": graspgen.write,
-    "isaac": isaac.write,
-}
 _NAME = re.compile(r"[A-Za-z][\w-]{0,99}")
-# Keys of the formats, and those that are written with forces.
-_RESERVED = {
-    *("qpos", "qpos_st", "scale", "robot_pose", "joint_names", "world_cfg", "manip_name", "scene_path", "hand_name"),
-    *("grasp_qpos", "pregrasp_qpos", "squeeze_qpos", "obj_pose", "obj_scale", "obj_path", "ho_c", "trans", "rot"),
-    *("joint_angles", "object_code", "object_scale", "parameters", "transforms", "qualities", "position"),
-    *("orientation", "cspace_position", "pregrasp_cspace_position"),
-    *("contact_force", "contact_point", "force_unit", "force_frame"),
-}
-_ONE_GRASP = ("dexgraspbench", "dexonomy")
-_WITH_JOINTS = ("dexgraspnet", "bodex", "graspqp")
-_EACH_SCALE = ("dexgraspnet",)
+# Of the formats, and what is written with forces.
+_RESERVED = {_FORCES, _POINTS, *UNIT, *(key for kind in FORMATS.values() for key in kind.keys)}
 
 
 def write_grasps(
     path: str | Path,
     rows: GraspRows | Iterable[GraspRows],
     *,
-    format: Format | None = None,
+    format: str | None = None,
     forces: ArrayLike | None = None,
     points: ArrayLike | None = None,
     labels: Mapping[str, ArrayLike] | None = None,
@@ -76,10 +55,10 @@ def write_grasps(
         ExtraMissing: ACRONYM's file without h5py (extra ``data``).
     """
     rows = joined(rows)
-    kind = rows.format if format is None else one_of("format", format, FORMATS)
+    kind = FORMATS[one_of("format", rows.format if format is None else format, FORMATS)]
     _check(rows, kind)
     payload = _payload(rows, forces, points, {} if labels is None else labels)
-    return write_file(path, _WRITERS[kind](rows, payload))
+    return write_file(path, kind.write(rows, payload))
 
 
 def joined(rows: GraspRows | Iterable[GraspRows]) -> GraspRows:
@@ -116,28 +95,17 @@ def joined(rows: GraspRows | Iterable[GraspRows]) -> GraspRows:
     return replace(head, **arrays, **tables)
 
 
-def _check(rows: GraspRows, kind: str) -> None:
-    if kind == "graspnet":
+def _check(rows: GraspRows, kind: Format) -> None:
+    if kind.single and rows.n != 1:
+        raise InvalidInput(f"format: {kind.name} has one grasp a file, got {rows.n}: write each to a file of its own")
+    if kind.named and len(rows.joint_names) != rows.q.shape[1]:
         raise InvalidInput(
-            "format: GraspNet's labels are a grid of all points, views, angles and depths, which single grasps do not "
-            "fill: write graspgen, acronym or isaac"
-        )
-    if kind in _ONE_GRASP and rows.n != 1:
-        raise InvalidInput(f"format: {kind} has one grasp a file, got {rows.n}: write each to a file of its own")
-    if kind in _WITH_JOINTS and len(rows.joint_names) != rows.q.shape[1]:
-        raise InvalidInput(
-            f"format: {kind} names the joints, which the file of format {rows.format} does not: "
+            f"format: {kind.name} names the joints, which the file of format {rows.format} does not: "
             "dataclasses.replace(rows, joint_names=...) gives them"
         )
-    if kind == "get_a_grip" and not rows.q.shape[1]:
+    if not kind.scales and len(set(rows.scale.tolist())) > 1:
         raise InvalidInput(
-            "format: get_a_grip holds joint angles of a hand, and these grasps have none: write graspgen"
-        )
-    if kind not in _EACH_SCALE and len(set(rows.scale.tolist())) > 1:
-        raise InvalidInput(f"format: {kind} has one scale a file, got grasps of several: write each scale on its own")
-    if kind == "graspqp" and not np.allclose(rows.scale, 1):
-        raise InvalidInput(
-            f"format: {kind} has no scale of the object, got {rows.scale[0]:g}: scale its mesh, and give 1"
+            f"format: {kind.name} has one scale a file, got grasps of several: write each scale on its own"
         )
 
 

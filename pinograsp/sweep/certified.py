@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tqdm import tqdm
@@ -18,7 +18,7 @@ from tqdm import tqdm
 from pinograsp import defaults
 from pinograsp.certification import placement_hint
 from pinograsp.checks import brief, flag, instance_of, items_of, number, one_of, path_of, processes
-from pinograsp.data import FORMATS, Format, joined, read_grasps, write_grasps
+from pinograsp.data import FORMATS, joined, read_grasps, write_grasps
 from pinograsp.errors import ExtraMissing, GraspsNotRead, InvalidInput, Status
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
@@ -108,7 +108,7 @@ class DataSet:
     files: Sequence[Path]
     hand: HandModel
     objects: Path
-    format: Format | Literal["auto"] = "auto"
+    format: str = "auto"
     mass: float | None = None
     density: float | None = None
     joints: dict[str, str] | None = None

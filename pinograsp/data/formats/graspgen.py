@@ -16,9 +16,9 @@ import numpy as np
 
 from pinograsp.checks import one_line
 from pinograsp.data.files import File
+from pinograsp.data.format import Format, Payload
 from pinograsp.data.keys import Keys, as_numbers
 from pinograsp.data.rows import Draft, GraspRows
-from pinograsp.data.written import Payload
 from pinograsp.errors import GraspsNotRead
 from pinograsp.plain import plain_json
 
@@ -80,3 +80,14 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
     if rows.hand_name:
         document["gripper"] = {"name": rows.hand_name}
     return (json.dumps(document, allow_nan=False) + "\n").encode("utf-8")
+
+
+FORMAT = Format(
+    name="graspgen",
+    container="text",
+    sniff=lambda file: file.head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"),
+    read=read,
+    write=write,
+    keys=("transforms",),
+    ask="convention='panda_graspgen' if the grasps are for it",
+)

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from pinograsp.checks import one_line
 from pinograsp.data.files import File, header_of
+from pinograsp.data.format import Format, Payload
 from pinograsp.data.rotations import placements
-from pinograsp.data.rows import Draft
-from pinograsp.errors import GraspsNotRead
+from pinograsp.data.rows import Draft, GraspRows
+from pinograsp.errors import GraspsNotRead, InvalidInput
 from pinograsp.spatial import Array
 
 GRID = (300, 12, 4)  # views, angles, depths
@@ -28,12 +29,12 @@ _MOST_POINTS = 100_000
 _CHUNK = 8  # points that are unpacked at once: 1.4 MB of numbers in 32 bits
 
 
-def read(file: File, keep: str) -> Iterator[Draft]:
+def read(file: File) -> Iterator[Draft]:
     """The grasps of a file, some points at a time: all of the grid, or those that hold at some friction."""
     try:
         with contextlib.ExitStack() as stack:
             archive = stack.enter_context(zipfile.ZipFile(file.path))
-            yield from _Labels(archive, stack, file).drafts(keep)
+            yield from _Labels(archive, stack, file).drafts(file.keep)
     except GraspsNotRead:
         raise
     except Exception as error:  # zipfile, zlib and NumPy raise whatever comes of a broken file
@@ -117,6 +118,14 @@ class _Labels:
         )
 
 
+def write(rows: GraspRows, payload: Payload) -> bytes:
+    """Refused."""
+    raise InvalidInput(
+        "format: GraspNet's labels are a grid of all points, views, angles and depths, which single grasps do not "
+        "fill: write graspgen, acronym or isaac"
+    )
+
+
 def gripper_poses(points: Array, views: NDArray[np.intp], angles: Array) -> Array:
     """Placements (N, 4, 4) of the gripper from points (N, 3) [m], indices of views (N,), angles (N,) [rad].
 
@@ -142,3 +151,16 @@ def directions() -> Array:
     lattice = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1).astype(float)
     unit: Array = lattice / np.linalg.norm(lattice, axis=1, keepdims=True)
     return unit
+
+
+FORMAT = Format(
+    name="graspnet",
+    container="a ZIP archive",
+    sniff=lambda file: bool({"offsets.npy", "scores.npy"} & set(file.members)),
+    read=read,
+    write=write,
+    keys=(),
+    scales=True,
+    ask="palm_in_root= for the frame between the fingertips' ends (x approaches, y closes)",
+    reach="depth",
+)

@@ -20,10 +20,10 @@ import yaml
 
 from pinograsp.checks import one_line
 from pinograsp.data.files import File
-from pinograsp.data.keys import Keys, as_numbers, stacked
+from pinograsp.data.format import Format, Payload
+from pinograsp.data.keys import Keys, rows_to_fault
 from pinograsp.data.rotations import poses_from_wxyz, wxyz_from_poses
 from pinograsp.data.rows import Draft, GraspRows
-from pinograsp.data.written import Payload
 from pinograsp.errors import GraspsNotRead
 from pinograsp.plain import YamlValues
 from pinograsp.spatial import Array
@@ -45,41 +45,31 @@ def read(file: File) -> Iterator[Draft]:
     if keys.get("format") != "isaac_grasp" or keys.get("format_version") not in (1.0, "1.0"):
         raise keys.refusal("expected format: isaac_grasp and format_version: 1.0")
     grasps = keys.inner("grasps")
-    rows: list[_Row] = []
-    draft_fault: str | None = None
-    for at, name in enumerate(grasps.values):
-        try:
-            rows.append(_Row(Keys(file.source, grasps.get(name), "isaac", f"grasps/{name}", at), rows[:1]))
-        except GraspsNotRead as refusal:
-            draft_fault = refusal.problem
-            break
-    if not rows and (draft_fault or problem):
-        raise GraspsNotRead(file.source, draft_fault or problem or "", row=0 if draft_fault else None)
-    yield _draft(rows, keys, draft_fault, problem)
+    items = (
+        Keys(file.source, grasps.get(name), "isaac", f"grasps/{name}", at) for at, name in enumerate(grasps.values)
+    )
+    rows, fault = rows_to_fault(items, lambda keys, rows: _Row(keys, rows[:1]))
+    if not rows and (fault or problem):
+        raise GraspsNotRead(file.source, fault or problem or "", row=0 if fault else None)
+    yield _draft(rows, keys, fault, problem)
 
 
 def _draft(rows: list[_Row], keys: Keys, fault: str | None, problem: str | None) -> Draft:
-    count = len(rows)
-    more = rows + rows[-1:] if fault else rows  # one more row, which is refused after those before it
-    poses, bad = poses_from_wxyz(np.array([row.pose for row in more]).reshape(-1, 7))
+    poses, bad = poses_from_wxyz(np.array([row.pose for row in rows]).reshape(-1, 7))
     draft = Draft(
         poses=poses,
-        q=np.array([row.q for row in more], dtype=float).reshape(len(more), -1 if more else 0),
+        q=np.array([row.q for row in rows], dtype=float).reshape(len(rows), -1 if rows else 0),
         joint_names=rows[0].joints if rows else (),
-        scale=np.full(len(more), keys.number("object_scale") if "object_scale" in keys else 1.0),
+        scale=np.full(len(rows), keys.number("object_scale") if "object_scale" in keys else 1.0),
         object_name=_named(keys, _OBJECT),
         hand_name=_named(keys, _GRIPPER),
         last=problem,
     )
     if rows and rows[0].before is not None:
-        draft.pregrasp_q = np.array([row.before for row in more], dtype=float)
-    for name in rows[0].others if rows else ():
-        array = stacked([row.others.get(name) for row in more], keys.source)
-        if array is not None:
-            (draft.extras if array.ndim > 1 else draft.labels)[name] = array
+        draft.pregrasp_q = np.array([row.before for row in rows], dtype=float)
+    draft.put_tables([row.others for row in rows], keys.source)
     draft.refuse(bad, "orientation: expected a unit quaternion w, xyz")
-    if fault and draft.fault is None:
-        draft.fault, draft.last = (count, fault), None
+    draft.end(fault)
     return draft
 
 
@@ -106,11 +96,7 @@ class _Row:
             self.before = _joints(keys, "pregrasp_cspace_position", self.joints)[0]
         if first and (self.before is None) != (first[0].before is None):
             raise keys.refusal("expected 'pregrasp_cspace_position' in all grasps or in none")
-        self.others = {
-            name: array
-            for name, value in keys.values.items()
-            if isinstance(name, str) and name not in _TAKEN and (array := as_numbers(value)) is not None
-        }
+        self.others = keys.arrays(_TAKEN)
 
 
 def _joints(keys: Keys, name: str, joints: tuple[str, ...] | None) -> tuple[Array, tuple[str, ...]]:
@@ -174,3 +160,13 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
     }
     content: bytes = yaml.dump(document, Dumper=_DUMPER, sort_keys=False, encoding="utf-8", default_flow_style=None)
     return content
+
+
+FORMAT = Format(
+    name="isaac",
+    container="text",
+    sniff=lambda file: not file.head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"),
+    read=read,
+    write=write,
+    keys=_TAKEN,
+)

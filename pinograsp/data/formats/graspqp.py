@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from pinograsp.data.files import File
+from pinograsp.data.format import Format, Payload, by_joint
 from pinograsp.data.keys import Keys, as_numbers, stacked
 from pinograsp.data.pickled import PickleRefused
 from pinograsp.data.rotations import poses_from_wxyz, wxyz_from_poses
 from pinograsp.data.rows import Draft, GraspRows
 from pinograsp.data.torch_file import read_torch, write_torch
-from pinograsp.data.written import Payload
-from pinograsp.errors import GraspsNotRead
+from pinograsp.errors import GraspsNotRead, InvalidInput
 
 _SUFFIX = ".dexgrasp"
 _ROOT = "root_pose"
@@ -61,9 +61,31 @@ def read(file: File) -> Iterator[Draft]:
 
 def write(rows: GraspRows, payload: Payload) -> bytes:
     """The file of these grasps; ``torch.load`` reads it, also with ``weights_only=True``."""
+    if not np.allclose(rows.scale, 1):
+        raise InvalidInput(
+            f"format: graspqp has no scale of the object, got {rows.scale[0]:g}: scale its mesh, and give 1"
+        )
     out: dict[str, Any] = {name: np.array(array) for name, array in payload.labels.items()}
     for name, array in payload.extras.items():
         by_joint = array.shape == rows.q.shape and "velocities" in name
         out[name] = dict(zip(rows.joint_names, np.array(array).T)) if by_joint else np.array(array)
     out["parameters"] = {**dict(zip(rows.joint_names, np.array(rows.q).T)), _ROOT: wxyz_from_poses(rows.poses)}
     return write_torch({**out, **payload.texts})
+
+
+FORMAT = Format(
+    name="graspqp",
+    container="a ZIP archive",
+    sniff=lambda file: any(name.endswith("/data.pkl") for name in file.members),
+    read=read,
+    write=write,
+    keys=("parameters",),
+    named=True,
+    convention=by_joint(
+        {
+            "robot0_FFJ3": "shadow_graspqp",
+            "index_joint_0": "allegro_graspqp",
+            "panda_finger_joint1": "panda_graspqp",
+        }
+    ),
+)

@@ -24,17 +24,17 @@ from numpy.typing import NDArray
 from pinograsp.checks import shown
 from pinograsp.data import hdf5_child
 from pinograsp.data.files import LARGEST, File
+from pinograsp.data.format import Format, Payload
 from pinograsp.data.keys import NAME, is_name
 from pinograsp.data.rows import Draft, GraspRows
-from pinograsp.data.written import Payload
 from pinograsp.errors import ExtraMissing, GraspsNotRead
 from pinograsp.words import printable
 
 
-def read(file: File, block: int) -> Iterator[Draft]:
+def read(file: File) -> Iterator[Draft]:
     """The grasps of a file, a block at a time."""
     _expect_h5py()
-    command = [sys.executable, hdf5_child.__file__, str(file.path.absolute()), str(block)]
+    command = [sys.executable, hdf5_child.__file__, str(file.path.absolute()), str(file.block)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL
     ) as child:
@@ -42,8 +42,8 @@ def read(file: File, block: int) -> Iterator[Draft]:
             assert child.stdout is not None
             frames = _Frames(file, child, child.stdout)
             about = frames.document()
-            for begin in range(0, about["count"], block):
-                yield _draft(about, frames, min(block, about["count"] - begin))
+            for begin in range(0, about["count"], file.block):
+                yield _draft(about, frames, min(file.block, about["count"] - begin))
         finally:
             with contextlib.suppress(OSError):
                 child.kill()
@@ -139,3 +139,14 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
         for name, text in payload.texts.items():
             h5[f"{hdf5_child.GRASPS}/contact_force"].attrs[name] = text
     return stream.getvalue()
+
+
+FORMAT = Format(
+    name="acronym",
+    container="an HDF5 file",
+    sniff=lambda file: True,
+    read=read,
+    write=write,
+    keys=("transforms", "qualities"),
+    convention=lambda rows: "panda_graspgen" if rows.hand_name == "panda" else None,
+)

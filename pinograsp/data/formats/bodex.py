@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 
 from pinograsp.data.files import File
+from pinograsp.data.format import Format, Payload, by_joint, npy_bytes
 from pinograsp.data.keys import Keys
-from pinograsp.data.rotations import poses_from_wxyz, wxyz_from_poses
+from pinograsp.data.postures import PREFIXES, postures, put_posture, world_of, world_pose
+from pinograsp.data.rotations import wxyz_from_poses
 from pinograsp.data.rows import Draft, GraspRows
-from pinograsp.data.written import Payload, npy_of
 from pinograsp.spatial import Array
 
 _TAKEN = ("robot_pose", "joint_names", "world_cfg", "manip_name", "scene_path")
@@ -27,7 +28,7 @@ _TAKEN = ("robot_pose", "joint_names", "world_cfg", "manip_name", "scene_path")
 
 def read(file: File) -> Iterator[Draft]:
     """The grasps of a file."""
-    keys = Keys(file.source, file.pickled[0], "bodex")
+    keys = file.keys("bodex")
     keys.need(["robot_pose", "joint_names", "world_cfg", "manip_name"])
     joints = keys.texts("joint_names")
     robot = keys.array("robot_pose", (1, None, None, None))[0]
@@ -38,16 +39,13 @@ def read(file: File) -> Iterator[Draft]:
             f"'robot_pose': expected [1, n, 3, 7 + {len(joints)}] for the {len(joints)} joints named, got "
             f"{(1, *robot.shape)}: middle results and motions of a free hand are not read"
         )
+    if arm:  # the root stays
+        robot = np.concatenate([np.broadcast_to([0, 0, 0, 1.0, 0, 0, 0], (count, steps, 7)), robot], axis=2)
     draft = Draft(
         poses=np.zeros((count, 4, 4)), q=np.zeros((count, 0)), scale=np.zeros(count), joint_names=joints, in_world=True
     )
-    for prefix, step in zip(("pregrasp_", "", "squeeze_"), range(-4, -1) if steps > 3 else range(3)):
-        values = robot[:, step]
-        poses, bad = (np.tile(np.eye(4), (count, 1, 1)), None) if arm else poses_from_wxyz(values[:, :7])
-        if bad is not None:
-            draft.refuse(bad, "'robot_pose': expected unit quaternions w x y z after x y z")
-        setattr(draft, f"{prefix}poses", poses)
-        setattr(draft, f"{prefix}q", values[:, 0 if arm else 7 :])
+    for prefix, step in zip(PREFIXES, range(-4, -1) if steps > 3 else range(3)):
+        put_posture(draft, prefix, robot[:, step], "'robot_pose': expected unit quaternions w x y z after x y z")
     draft.object_pose, scale, draft.object_name = _object(keys, file)
     draft.scale = np.full(count, scale)
     inner = {name: _first(value, count) for name, value in keys.values.items() if name not in _TAKEN}
@@ -65,37 +63,41 @@ def _object(keys: Keys, file: File) -> tuple[Array, float, str]:
     world = worlds[0] if isinstance(worlds, list | tuple | np.ndarray) and len(worlds) else worlds
     meshes = Keys(file.source, world, "bodex", "world_cfg").inner("mesh")
     mesh = meshes.inner(name)
-    pose, bad = poses_from_wxyz(mesh.array("pose", (7,)))
-    if bad or not np.isfinite(pose).all():
-        raise mesh.refusal("'pose': expected x y z and a unit quaternion w x y z")
+    pose = world_pose(mesh, "pose")
     return pose, mesh.scale("scale"), mesh.text("file_path") if "file_path" in mesh else name
 
 
 def write(rows: GraspRows, payload: Payload) -> bytes:
     """The file of these grasps; ``contact_force`` has the shape [1, n, 1, p, 3] that BODex gives it."""
-    object_pose = np.eye(4) if rows.object_pose is None else np.asarray(rows.object_pose)
-    steps = []
-    for prefix in ("pregrasp_", "", "squeeze_"):
-        poses, q = getattr(rows, f"{prefix}poses"), getattr(rows, f"{prefix}q")
-        poses, q = rows.poses if poses is None else poses, rows.q if q is None else q
-        steps.append(np.concatenate([wxyz_from_poses(object_pose @ poses), q], axis=1))
     extras = {name: np.array(array)[None] for name, array in payload.extras.items()}
     if payload.texts:
         extras["contact_force"] = extras["contact_force"][:, :, None]
     mesh = {
-        "pose": wxyz_from_poses(object_pose).tolist(),
+        "pose": wxyz_from_poses(world_of(rows)).tolist(),
         "scale": [float(rows.scale[0])] * 3,
         "file_path": rows.object_name,
     }
-    return npy_of(
+    return npy_bytes(
         {
             **{name: np.array(array)[None] for name, array in payload.labels.items()},
             **extras,
             **payload.texts,
-            "robot_pose": np.stack(steps, axis=1)[None],
+            "robot_pose": np.stack(list(postures(rows).values()), axis=1)[None],
             "joint_names": list(rows.joint_names),
             "world_cfg": [{"mesh": {"object": mesh}}],
             "manip_name": ["object"],
             "scene_path": [""],
         }
     )
+
+
+FORMAT = Format(
+    name="bodex",
+    container="an .npy file",
+    sniff=lambda file: file.has("robot_pose") and not file.has("grasp_qpos"),
+    read=read,
+    write=write,
+    keys=_TAKEN,
+    named=True,
+    convention=by_joint({"rh_FFJ4": "shadow_palm", "joint_0.0": "allegro_palm", "j0": "leap_base"}),
+)

@@ -15,11 +15,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from pinograsp.data.files import File
-from pinograsp.data.keys import Keys
+from pinograsp.data.format import Format, Payload, by_joint, npy_bytes
 from pinograsp.data.rotations import placements
 from pinograsp.data.rows import Draft, GraspRows
-from pinograsp.data.written import Payload, npy_of
-from pinograsp.errors import GraspsNotRead
+from pinograsp.errors import GraspsNotRead, InvalidInput
 
 _TAKEN = ("trans", "rot", "joint_angles")
 _NAME = re.compile(r"(.+)_(\d+)_(\d+)")
@@ -28,7 +27,7 @@ Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]
 
 def read(file: File) -> Iterator[Draft]:
     """The grasps of a file."""
-    keys = Keys(file.source, file.pickled[0], "get_a_grip")
+    keys = file.keys("get_a_grip")
     keys.need(_TAKEN)
     trans = keys.array("trans", (None, 3))
     count = len(trans)
@@ -57,7 +56,11 @@ def read(file: File) -> Iterator[Draft]:
 
 def write(rows: GraspRows, payload: Payload) -> bytes:
     """The file of these grasps; with the object's code and scale, as its name need not have them."""
-    return npy_of(
+    if not rows.q.shape[1]:
+        raise InvalidInput(
+            "format: get_a_grip holds joint angles of a hand, and these grasps have none: write graspgen"
+        )
+    return npy_bytes(
         {
             **{name: np.array(array) for table in (payload.labels, payload.extras) for name, array in table.items()},
             "trans": np.array(rows.poses[:, :3, 3]),
@@ -68,3 +71,14 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
             **payload.texts,
         }
     )
+
+
+FORMAT = Format(
+    name="get_a_grip",
+    container="an .npy file",
+    sniff=lambda file: file.has("joint_angles") and file.has("trans"),
+    read=read,
+    write=write,
+    keys=(*_TAKEN, "object_code", "object_scale"),
+    convention=by_joint({"joint_0.0": "allegro_palm"}),
+)

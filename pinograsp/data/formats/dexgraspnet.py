@@ -15,10 +15,10 @@ import numpy as np
 
 from pinograsp.checks import shown
 from pinograsp.data.files import File
-from pinograsp.data.keys import Keys, as_numbers, stacked
+from pinograsp.data.format import Format, Payload, by_joint, npy_bytes
+from pinograsp.data.keys import Keys, rows_to_fault
 from pinograsp.data.rotations import poses_from_sxyz, sxyz_from_poses
 from pinograsp.data.rows import Draft, GraspRows
-from pinograsp.data.written import Payload, npy_of
 from pinograsp.errors import GraspsNotRead
 from pinograsp.spatial import Array
 
@@ -32,16 +32,10 @@ def read(file: File) -> Iterator[Draft]:
     values, last = file.pickled
     if not isinstance(values, list) or not values:
         raise GraspsNotRead(file.source, "dexgraspnet: expected a list of dicts, one for each grasp")
-    rows: list[_Row] = []
-    fault = None
-    for at, value in enumerate(values):
-        try:
-            rows.append(_Row(Keys(file.source, value, "dexgraspnet", row=at), rows[0].joints if rows else None))
-        except GraspsNotRead as refusal:
-            fault = at, refusal.problem
-            break
+    items = (Keys(file.source, value, "dexgraspnet", row=at) for at, value in enumerate(values))
+    rows, fault = rows_to_fault(items, lambda keys, rows: _Row(keys, rows[0].joints if rows else None))
     if not rows:
-        raise GraspsNotRead(file.source, fault[1] if fault else "", row=0)
+        raise GraspsNotRead(file.source, fault or "", row=0)
     draft = Draft(
         poses=poses_from_sxyz(*_split(np.array([row.palm for row in rows]))),
         q=np.array([row.q for row in rows]),
@@ -53,24 +47,8 @@ def read(file: File) -> Iterator[Draft]:
     if all(row.start is not None for row in rows):
         start = np.array([row.start for row in rows])
         draft.extras = {"start_poses": poses_from_sxyz(*_split(start[:, :6])), "start_q": start[:, 6:]}
-    for name in rows[0].others:
-        array = stacked([row.others.get(name) for row in rows], file.source)
-        if array is not None:
-            (draft.extras if array.ndim > 1 else draft.labels)[name] = array
-    if fault is not None:  # one more row, which is refused after those before it
-        draft.last = None
-        yield from _with_fault(draft, fault[1])
-    else:
-        yield draft
-
-
-def _with_fault(draft: Draft, problem: str) -> Iterator[Draft]:
-    for name in ("poses", "q", "scale"):
-        array = getattr(draft, name)
-        setattr(draft, name, np.concatenate([array, array[-1:]]))
-    for table in (draft.labels, draft.extras):
-        table.update({name: np.concatenate([array, array[-1:]]) for name, array in table.items()})
-    draft.fault = len(draft.poses) - 1, problem
+    draft.put_tables([row.others for row in rows], file.source)
+    draft.end(fault)
     yield draft
 
 
@@ -89,13 +67,7 @@ class _Row:
         if "qpos_st" in keys:
             palm, q, _ = _posture(keys.inner("qpos_st"), self.joints)
             self.start = palm + q
-        taken = ("qpos", "qpos_st", "scale")
-        self.others = {
-            name: array
-            for name, value in keys.values.items()
-            if isinstance(name, str) and name not in taken and not isinstance(value, list | tuple)
-            if (array := as_numbers(value)) is not None
-        }
+        self.others = keys.arrays(("qpos", "qpos_st", "scale"), lists=False)
 
 
 def _posture(keys: Keys, joints: tuple[str, ...] | None) -> tuple[list[float], list[float], tuple[str, ...]]:
@@ -127,9 +99,22 @@ def write(rows: GraspRows, payload: Payload) -> bytes:
             row["qpos_st"] = _qpos(rows.joint_names, start[0][i], start_angles[i], start[1][i])  # type: ignore[index]
         labels = {name: array[i].item() for name, array in payload.labels.items()}
         out.append({**labels, **{name: np.array(array[i]) for name, array in extras.items()}, **payload.texts, **row})
-    return npy_of(out)
+    return npy_bytes(out)
 
 
 def _qpos(joints: tuple[str, ...], pose: Array, angles: Array, q: Array) -> dict[str, float]:
     values = (*q.tolist(), *angles.tolist(), *pose[:3, 3].tolist())
     return dict(zip((*joints, *_ANGLES, *_PLACE), values))
+
+
+FORMAT = Format(
+    name="dexgraspnet",
+    container="an .npy file",
+    sniff=lambda file: isinstance(file.pickled[0], list),
+    read=read,
+    write=write,
+    keys=("qpos", "qpos_st", "scale"),
+    named=True,
+    scales=True,
+    convention=by_joint({"robot0:FFJ3": "shadow_dexgraspnet", "joint_0.0": "allegro_palm"}),
+)
