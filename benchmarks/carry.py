@@ -1,6 +1,6 @@
-"""How long ``plan_carry`` takes, beside Clarabel on the same whole program.
+"""How long ``plan_carry`` takes, and how near its timings are to their lower bounds.
 
-    python benchmarks/carry.py [--seed 0] [--repeats 20] [--clarabel 5]
+    python benchmarks/carry.py [--seed 0] [--repeats 20]
 
 A Panda of example-robot-data on a path of its own. Random grasps: contacts with exact friction cones about a sphere in
 the hand, without limits of the hand's motors, over intervals and over contacts; and 5 random contacts on the fingers of
@@ -11,12 +11,7 @@ that they bind. Random grasps that cannot hold the sphere are drawn again.
 ``loads_s`` the loads along the path and the programs' matrices, ``timing_s`` the program of the least time,
 ``ramp_s`` that of how fast the timing with ramps may be, ``forces_s`` that of the least forces, ``limit_s`` that of the
 curve of the fastest. Medians, and of the whole the 99th percentile. ``rounds``, ``gap`` and ``residual`` are those of
-the least time; so are ``kept_rows``, rows of motors that were not left out.
-
-Clarabel gets that program as a user would write it, with all forces, squared speeds, their roots and times as unknowns:
-stacked before the clock starts, solved to 1e-8, in one thread. The two take turns, each first every other time.
-``ratio`` is Clarabel's time over ``timing_s`` there, ``difference`` our objective over Clarabel's, less one. Writes
-carry.csv beside this file.
+the least time; so are ``kept_rows``, rows of motors that bind somewhere. Writes carry.csv beside this file.
 """
 
 from __future__ import annotations
@@ -28,21 +23,18 @@ os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "M
 
 import argparse
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest.mock import patch
 
 import arms
-import clarabel
 import numpy as np
 from results import header, table, write_rows
-from scipy import sparse
 from tqdm import tqdm
 
 import pinograsp as pg
-from pinograsp.carry import carrying, interior_point, plan_carry
-from pinograsp.carry.interior_point import Program, Solved
+from pinograsp.carry import carrying, plan_carry
+from pinograsp.carry.program import CarryProgram, CarrySolution
 from pinograsp.contacts import Contact, ContactSet, Friction
 from pinograsp.errors import CarryInfeasible, CarryUndecided
 from pinograsp.planner import plan_best
@@ -154,75 +146,6 @@ def held_case(robot: pg.HandModel, plan: pg.GraspPlan, limit: np.ndarray, k: int
         return case
 
 
-# -- Clarabel ----------------------------------------------------------------------------------------------------------
-
-
-def stacked(program: Program) -> Callable[[], tuple[str, float]]:
-    """The whole program for Clarabel, ready to be solved: status and least time."""
-    N, k, d = program.count, program.k, program.friction.d
-    forces, nodes = N * k * d, N + 1
-    y, root, took = forces, forces + nodes, forces + 2 * nodes
-    total = took + N
-    parts, ends, cones = list[sparse.coo_array](), list[np.ndarray](), list[object]()
-
-    def add(entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]], right: np.ndarray, kinds: list[object]) -> None:
-        """Rows of (row, column, value), each of any shape that broadcasts."""
-        r, c, v = (np.concatenate(p) for p in zip(*([one.ravel() for one in np.broadcast_arrays(*e)] for e in entries)))
-        parts.append(sparse.coo_array((v, (r, c)), shape=(right.size, total)))
-        ends.append(right.ravel())
-        cones.extend(kinds)
-
-    def linear(M: np.ndarray, pairs: np.ndarray, right: np.ndarray, kind: type) -> None:
-        """M x_i + pairs_i (y_i, y_i+1) against right (N, m), for all intervals."""
-        i, m = np.arange(N)[:, None, None], right.shape[1]
-        rows = i * m + np.arange(m)[:, None]
-        entries = [(rows, i * k * d + np.arange(k * d), np.asarray(M))] if M.size else []
-        add([*entries, (rows, y + i + np.arange(2), pairs)], right, [kind(right.size)])
-
-    none = np.zeros((0, k * d))
-    each, contact, one = np.arange(N), np.arange(N * k), np.array(1.0)
-    first = contact * d
-    for j in (0, N):
-        fixed = np.array([program.given[j], np.sqrt(program.given[j])])
-        columns = np.array([y + j, root + j])
-        for i in (0, 1):
-            add([(np.array([0]), columns[i : i + 1], one)], fixed[i : i + 1], [clarabel.ZeroConeT(1)])
-    linear(program.A, -program.E, program.e, clarabel.ZeroConeT)
-    if len(program.R):
-        for sign, end in ((1.0, program.high), (-1.0, -program.low)):
-            used = np.isfinite(end).all(axis=0)
-            linear(sign * program.R[used], sign * program.B[:, used], end[:, used], clarabel.NonnegativeConeT)
-    if program.C.shape[1]:
-        linear(none, program.C, program.c, clarabel.NonnegativeConeT)
-    for sign, end in ((-1.0, -program.least), (1.0, program.most)):
-        add([(contact, first + d - 1, np.array(sign))], np.tile(end, N), [clarabel.NonnegativeConeT(N * k)])
-    n = program.friction.round_dimensions
-    inside = [(contact * (n + 1), first + d - 1, -one)]
-    inside += [(contact * (n + 1) + 1 + j, first + j, -one) for j in range(n)]
-    add(inside, np.zeros(N * k * (n + 1)), N * k * [clarabel.SecondOrderConeT(n + 1)])
-    # The time of an interval times the sum of its roots is 1 at least, and a root squared its y at most.
-    both = [(3 * each + r, root + each + j, -one) for r in (0, 2) for j in (0, 1)]
-    both += [(3 * each, took + each, -one), (3 * each + 2, took + each, one)]
-    add(both, np.tile([0.0, 2.0, 0.0], N), N * [clarabel.SecondOrderConeT(3)])
-    free = np.flatnonzero(np.isnan(program.given))
-    at = 3 * np.arange(len(free))
-    squares = [(at, y + free, -one), (at + 1, root + free, np.array(-2.0)), (at + 2, y + free, -one)]
-    add(squares, np.tile([1.0, 0.0, -1.0], len(free)), len(free) * [clarabel.SecondOrderConeT(3)])
-    for sign, end in ((-1.0, np.zeros(nodes)), (1.0, program.top)):
-        add([(np.arange(nodes), y + np.arange(nodes), np.array(sign))], end, [clarabel.NonnegativeConeT(nodes)])
-    q = np.zeros(total)
-    q[took:] = 2.0 * program.step
-    A, b, P = sparse.csc_matrix(sparse.vstack(parts)), np.concatenate(ends), sparse.csc_matrix((total, total))
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_threads = False, 1
-
-    def call() -> tuple[str, float]:
-        found = clarabel.DefaultSolver(P, q, A, b, cones, settings).solve()
-        return str(found.status), float(found.obj_val)
-
-    return call
-
-
 # -- clocks ------------------------------------------------------------------------------------------------------------
 
 
@@ -231,7 +154,7 @@ class Clocks:
 
     def __init__(self) -> None:
         self.loads = 0.0
-        self.solved: list[tuple[Program, Solved, float]] = []
+        self.solved: list[tuple[CarryProgram, CarrySolution, float]] = []
 
     def plan(self, case: Case, intervals: int) -> float:
         """Plan, and tell how long it took [s]."""
@@ -243,7 +166,7 @@ class Clocks:
             self.loads += time.process_time() - start
             return found
 
-        def solving(program: Program, **options) -> Solved:
+        def solving(program: CarryProgram, **options) -> CarrySolution:
             start = time.process_time()
             found = solve(program, **options)
             self.solved.append((program, found, time.process_time() - start))
@@ -255,13 +178,7 @@ class Clocks:
             return time.process_time() - start
 
 
-def timed(call: Callable[[], object]) -> tuple[float, object]:
-    start = time.process_time()
-    found = call()
-    return time.process_time() - start, found
-
-
-def measured(name: str, case: Case, intervals: int, repeats: int, others: int) -> dict[str, object]:
+def measured(name: str, case: Case, intervals: int, repeats: int) -> dict[str, object]:
     """One line of the table."""
     Clocks().plan(case, intervals)
     whole, loads, parts = list[float](), list[float](), list[list[float]]()
@@ -271,14 +188,6 @@ def measured(name: str, case: Case, intervals: int, repeats: int, others: int) -
         loads.append(clocks.loads)
         parts.append([took for _, _, took in clocks.solved])
     program, found, _ = clocks.solved[0]
-    peer = stacked(program)
-    calls = {"ours": lambda: interior_point.solve(program, accuracy=carrying.ACCURACY), "peer": peer}
-    spent: dict[str, list[float]] = {name: [] for name in calls}
-    for i in range(others):
-        for own in sorted(calls, reverse=bool(i % 2)):
-            spent[own].append(timed(calls[own])[0])
-    status, objective = peer()
-    ours, theirs = (float(np.median(spent[own])) if others else np.nan for own in ("ours", "peer"))
     return {
         "case": name,
         "intervals": intervals,
@@ -292,10 +201,6 @@ def measured(name: str, case: Case, intervals: int, repeats: int, others: int) -
         "rounds": found.rounds,
         "gap": f"{found.gap:.1e}",
         "residual": f"{found.residual:.1e}",
-        "clarabel_s": f"{theirs:.3f}",
-        "clarabel": status,
-        "difference": f"{found.objective / objective - 1.0:.1e}",
-        "ratio": f"{theirs / ours:.1f}",
     }
 
 
@@ -303,7 +208,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seed", type=int, help="of the grasps; default: drawn, and printed")
     parser.add_argument("--repeats", type=int, default=20)
-    parser.add_argument("--clarabel", type=int, default=5, help="solves of each program by Clarabel, and by us in turn")
     parser.add_argument("--out", type=Path, default=HERE / "carry.csv")
     options = parser.parse_args()
     seed = int(np.random.SeedSequence().entropy % 2**32) if options.seed is None else options.seed
@@ -323,9 +227,9 @@ def main() -> None:
         cases.append((f"{hand}, weak", held_case(robot, plan, with_motors(robot, WEAK), k, rng), count))
     rows = list[dict]()
     for name, case, intervals in tqdm(cases, unit="case"):
-        rows.append(measured(name, case, intervals, options.repeats, options.clarabel))
+        rows.append(measured(name, case, intervals, options.repeats))
     print(table(rows))
-    notes = (f"seed {seed}", f"{options.repeats} repeats", f"{options.clarabel} by Clarabel", "processor time")
+    notes = (f"seed {seed}", f"{options.repeats} repeats", "processor time")
     written = options.out.with_suffix(".part")
     write_rows(written, header(("numpy", "scipy", "pin", "clarabel"), *notes), rows)
     written.replace(options.out)

@@ -1,8 +1,9 @@
-"""Carrying as one program, all unknowns at once: an oracle that eliminates nothing; and random paths and grasps."""
+"""Carrying by another solver, from a program written row by row; and random paths and grasps."""
 
 from dataclasses import dataclass
+from itertools import chain
 
-import clarabel
+import ecos
 import numpy as np
 from panda_path import JOINTS
 from scipy import sparse
@@ -20,73 +21,47 @@ def pairs(along_a, along_b, step):
     return np.stack([along_b / 2 - along_a / (2 * step), along_b / 2 + along_a / (2 * step)], axis=2)
 
 
-def by_clarabel(program):
-    """The least time, from all forces, squared speeds, their roots and the times of the intervals as unknowns."""
+def by_ecos(program):
+    """The least time by ECOS, None where it finds none: the program written row by row, nothing left out or scaled."""
     N, k, d = program.count, program.k, program.friction.d
-    nodes, size = N + 1, N * k * d
-    y, root, time = size, size + nodes, size + 2 * nodes
-    total = time + N
-    blocks, ends, cones = [], [], []
+    root, time = N * k * d + N + 1, N * k * d + 2 * (N + 1)
+    y, total = N * k * d, time + N
+    equal, below, cones = [], [], []  # rows with their right-hand sides: A u = b, G u <= h, h - G u in a cone
 
-    def add(rows, right, cone):
-        blocks.append(sparse.coo_matrix(rows) if not sparse.issparse(rows) else rows)
-        ends.append(np.asarray(right, dtype=float))
-        cones.append(cone)
-
-    def of(entries, count):
-        r, c, v = (np.array(part) for part in zip(*entries))
-        return sparse.coo_matrix((v, (r, c)), shape=(count, total))
-
-    def linear(M, pair, i, sign=1.0):
-        rows = np.zeros((len(M), total))
-        rows[:, i * k * d : (i + 1) * k * d] = M
-        rows[:, y + i : y + i + 2] = sign * pair
-        return rows
+    def row(*entries):
+        found = np.zeros(total)
+        for column, value in entries:
+            found[column] = value
+        return found
 
     for j in (0, N):
-        add(of([(0, y + j, 1.0)], 1), [program.given[j]], clarabel.ZeroConeT(1))
-        # By itself: a root of the solver's tolerance is no longer small.
-        add(of([(0, root + j, 1.0)], 1), [np.sqrt(program.given[j])], clarabel.ZeroConeT(1))
+        equal += [(row((y + j, 1.0)), program.given[j]), (row((root + j, 1.0)), np.sqrt(program.given[j]))]
     for i in range(N):
-        add(linear(program.A, program.E[i], i, -1.0), program.e[i], clarabel.ZeroConeT(6))
-        for sign, end in ((1.0, program.high[i]), (-1.0, -program.low[i])):
-            if len(program.R):
-                rows = sign * linear(program.R, program.B[i], i)
-                add(rows, end, clarabel.NonnegativeConeT(len(program.R)))
-        rows = np.zeros((program.C.shape[1], total))
-        rows[:, y + i : y + i + 2] = program.C[i]
-        add(rows, program.c[i], clarabel.NonnegativeConeT(len(rows)))
+        forces, pair = slice(i * k * d, (i + 1) * k * d), slice(y + i, y + i + 2)
+        equal += [(row((forces, a), (pair, -E)), e) for a, E, e in zip(program.A, program.E[i], program.e[i])]
+        for r, b, low, high in zip(program.R, program.B[i], program.low[i], program.high[i]):
+            below += [(row((forces, r), (pair, b)), high), (row((forces, -r), (pair, -b)), -low)]
+        below += [(row((pair, c)), end) for c, end in zip(program.C[i], program.c[i])]
         for c in range(k):
-            first = (i * k + c) * d
-            add(of([(0, first + d - 1, -1.0)], 1), [-program.least[c]], clarabel.NonnegativeConeT(1))
-            add(of([(0, first + d - 1, 1.0)], 1), [program.most[c]], clarabel.NonnegativeConeT(1))
+            first, normal = (i * k + c) * d, (i * k + c) * d + d - 1
+            below += [(row((normal, -1.0)), -program.least[c]), (row((normal, 1.0)), program.most[c])]
+            below += [(row((slice(first, normal), u), (normal, -1.0)), 0.0) for u in program.friction.facets]
             if n := program.friction.round_dimensions:
-                cone = of([(0, first + d - 1, -1.0), *((1 + j, first + j, -1.0) for j in range(n))], n + 1)
-                add(cone, np.zeros(n + 1), clarabel.SecondOrderConeT(n + 1))
-            if len(facets := program.friction.facets):
-                rows = np.zeros((len(facets), total))
-                rows[:, first : first + d - 1], rows[:, first + d - 1] = facets, -1.0
-                add(rows, np.zeros(len(facets)), clarabel.NonnegativeConeT(len(facets)))
+                cones.append([(row((normal, -1.0)), 0.0), *((row((first + j, -1.0)), 0.0) for j in range(n))])
         # time (root_i + root_i+1) >= 1
-        both = [(0, root + i), (0, root + i + 1)]
-        cone = [(r, c, -1.0) for r, c in both] + [(2, c, -1.0) for _, c in both]
-        add(of([*cone, (0, time + i, -1.0), (2, time + i, 1.0)], 3), [0, 2, 0], clarabel.SecondOrderConeT(3))
-    for j in range(nodes):
-        add(of([(0, y + j, -1.0)], 1), [0.0], clarabel.NonnegativeConeT(1))
-        add(of([(0, y + j, 1.0)], 1), [program.top[j]], clarabel.NonnegativeConeT(1))
+        both = slice(root + i, root + i + 2)
+        product = [row((both, -1.0), (time + i, -1.0)), row(), row((both, -1.0), (time + i, 1.0))]
+        cones.append(list(zip(product, (0.0, 2.0, 0.0))))
+    for j in range(N + 1):
+        below += [(row((y + j, -1.0)), 0.0), (row((y + j, 1.0)), program.top[j])]
         if np.isnan(program.given[j]):
-            cone = [(0, y + j, -1.0), (1, root + j, -2.0), (2, y + j, -1.0)]
-            add(of(cone, 3), [1, 0, -1], clarabel.SecondOrderConeT(3))
-    q = np.zeros(total)
-    q[time:] = 2 * program.step
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
-    A = sparse.csc_matrix(sparse.vstack(blocks))
-    found = clarabel.DefaultSolver(
-        sparse.csc_matrix((total, total)), q, A, np.concatenate(ends), cones, settings
-    ).solve()
-    return str(found.status), found.obj_val
+            cones.append([(row((y + j, -1.0)), 1.0), (row((root + j, -2.0)), 0.0), (row((y + j, -1.0)), -1.0)])
+    below = [one for one in below if np.isfinite(one[1])]
+    A, b, G, h = (np.array(part) for rows in (equal, [*below, *chain(*cones)]) for part in zip(*rows))
+    q = row((slice(time, total), 2 * program.step))
+    sizes = {"l": len(below), "q": [len(cone) for cone in cones]}
+    found = ecos.solve(q, sparse.csc_matrix(G), h, sizes, sparse.csc_matrix(A), b, verbose=False, max_iters=200)
+    return found["info"]["pcost"] if found["info"]["exitFlag"] in (0, 10) else None
 
 
 FRICTION = (Friction(model="cone"), Friction(model="soft", torsion=5e-3), Friction(model="pyramid", edges=8))

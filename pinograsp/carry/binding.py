@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinograsp.carry.interior_point import Solved
+from pinograsp.carry.program import CarrySolution
 from pinograsp.carry.programs import Programs
 from pinograsp.spatial import Array, BoolArray
 
 _BINDS = 1e-3  # share of the largest multiplier from which on a limit binds
 
 
-def binding_of(programs: Programs, found: Solved, slack: BoolArray | None = None) -> tuple[str, ...]:
+def binding_of(programs: Programs, found: CarrySolution, slack: BoolArray | None = None) -> tuple[str, ...]:
     """What binds in each interval: the limit whose multiplier, over a relative change of it, is largest.
 
     Args:

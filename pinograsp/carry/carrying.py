@@ -9,13 +9,14 @@ import numpy as np
 
 from pinograsp.carry.binding import binding_of
 from pinograsp.carry.doubts import doubts_of, doubts_of_path, doubts_of_squeeze
-from pinograsp.carry.interior_point import Solved, solve
 from pinograsp.carry.loads import Carried, CarryScenario
 from pinograsp.carry.passage import Held, Passage
 from pinograsp.carry.path import ArmPath
+from pinograsp.carry.program import CarrySolution
 from pinograsp.carry.programs import ArmLimits, Programs
 from pinograsp.carry.record import CarryPlan
 from pinograsp.carry.reserve import disturbance_of, spare_forces, with_reserve
+from pinograsp.carry.solving import solve
 from pinograsp.carry.squeeze import CommonSqueeze, common_squeeze
 from pinograsp.carry.timing import Timing
 from pinograsp.checks import read_only
@@ -28,9 +29,9 @@ from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
 
 ACCURACY = 1e-7  # relative, of the duration
-_CURVE = 1e-5  # of how fast each interval may be passed by itself: they come out a little too slow
+_CURVE = 1e-6  # of how fast each interval may be passed by itself
 _FORCES = 1e-6  # relative, of the squared forces
-_SLOWER = 1e-6  # squared speeds at which forces are chosen, less than the fastest: there is room for a choice
+_SLOWER, _SLOWER_ALONE = 1e-6, 2e-5  # squared speeds less than the fastest: there is room for a choice of forces
 _BALANCED, _LEAST = 1e-6, 1e-3  # errors of the loads, and the gap, with which chosen forces are good enough
 _FREE = 1.05  # an interval that may be passed so many times as fast is bound by nothing
 _WINDOWS = 1.5 ** np.arange(12)  # times the ramp, or the smallest, tried against a limit of the jerk
@@ -279,7 +280,7 @@ class Carrying:
                 return found
         return None
 
-    def _failure(self, programs: Programs, s: Array, found: Solved) -> Exception:
+    def _failure(self, programs: Programs, s: Array, found: CarrySolution) -> Exception:
         """Why there is no timing: where the object cannot even be held at rest, with the proof."""
         for i in np.unique(np.linspace(0, len(s) - 1, min(len(s), _TRIED)).astype(int)).tolist():
             proof = self._proof(programs, i, 0.0)
@@ -388,10 +389,10 @@ class Carrying:
         nearest = np.clip((s * self.count).astype(int), 0, self.count - 1)
         return np.interp(s, middle, limit), tuple(words[i] for i in nearest.tolist())
 
-    def _fastest_anywhere(self, programs: Programs) -> tuple[Solved, Array]:
+    def _fastest_anywhere(self, programs: Programs) -> tuple[CarrySolution, Array]:
         """How fast each interval may be passed by itself (N,)."""
         found = solve(programs.fastest_anywhere(), accuracy=_CURVE)
-        return found, np.asarray(np.sqrt(found.y.reshape(self.count, 2).mean(axis=1)))
+        return found, np.asarray(np.sqrt((1.0 - _SLOWER_ALONE) * found.y.reshape(self.count, 2).mean(axis=1)))
 
     @cached_property
     def _jacobian(self) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from pinograsp.carry.program import Solved
+from pinograsp.carry.program import CarrySolution
 from pinograsp.carry.programs import Programs
 from pinograsp.carry.timing import Timing
 from pinograsp.checks import brief
@@ -34,7 +34,7 @@ class Passage:
     programs: Programs
     level: float
     free: Array
-    found: Solved
+    found: CarrySolution
     fastest: bool = False
 
     __repr__ = brief("timing", "level")

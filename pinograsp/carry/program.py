@@ -1,9 +1,18 @@
-"""What the interior-point method of carrying takes and gives: a program, and where it ended."""
+"""The programs of carrying as data: what is to be solved, and where it ended.
+
+Interval i of N has the forces x_i of k contacts (d numbers each, the normal force last) and the values p_i of two
+nodes, squared speeds y. Either neighbours share a node, or every interval has its own two. The program is::
+
+    minimise  cost(y) + sum_i 1/2 x_i . W x_i
+    subject to  A x_i = E_i p_i + e_i,   low_i <= R x_i + B_i p_i <= high_i,   C_i p_i <= c_i,
+                friction,   least <= F_n <= most,   0 <= y <= top,   some y given,
+
+with A and R the same for all intervals.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +23,7 @@ _SMALL = 1e-300
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Program:
+class CarryProgram:
     """The data; N intervals, k contacts with d numbers each, m rows of R, r rows of C.
 
     Attributes:
@@ -63,37 +72,86 @@ class Program:
         return len(self.E)
 
     @property
-    def shared(self) -> bool:
-        """Whether neighbours share a node."""
-        return len(self.top) == self.count + 1
-
-    @property
     def nodes(self) -> IntArray:
         """The two nodes of each interval (N, 2)."""
-        first = np.arange(self.count) * (1 if self.shared else 2)
+        first = np.arange(self.count) * (1 if len(self.top) == self.count + 1 else 2)
         return np.stack([first, first + 1], axis=1)
 
     @property
-    def moderate(self) -> Array:
-        """Squared speeds whose loads are about as large as those at rest, as ``top``: a place to begin."""
-        size = np.abs(self.e).max(initial=0.0)
-        still = np.maximum(np.abs(self.e).max(axis=1), 1e-3 * size + 1e-12)
-        each = still / np.maximum(np.abs(self.E.sum(axis=2)).max(axis=1), 1e-9 * still)
-        if not self.shared:
-            return np.repeat(each, 2)
-        padded = np.concatenate([each[:1], each, each[-1:]])
-        return np.asarray(np.minimum(padded[:-1], padded[1:]))
+    def free(self) -> BoolArray:
+        """Nodes whose y are not known, as ``top``."""
+        return np.isnan(self.given)
 
-    def normal_first(self, rows: Array) -> Array:
-        """Rows (m, k d) over forces as they are here, over (d, k) with the normal force first."""
-        d = self.friction.d
-        own = rows.reshape(-1, self.k, d)[:, :, [d - 1, *range(d - 1)]]
-        return np.asarray(own.transpose(0, 2, 1).reshape(-1, self.k * d))
+    def add_at_nodes(self, pairs: Array) -> Array:
+        """Sums at the nodes, as ``top``, of values at the two ends of each interval (N, 2)."""
+        return np.bincount(self.nodes.ravel(), pairs.ravel(), len(self.top))
+
+    def scale(self, force: float, square: float) -> CarryProgram:
+        """The same program with forces over ``force`` [N] and squared speeds over ``square`` [1/s^2]."""
+        return replace(
+            self,
+            E=self.E * (square / force),
+            e=self.e / force,
+            B=self.B * (square / force),
+            low=self.low / force,
+            high=self.high / force,
+            C=self.C * square,
+            least=self.least / force,
+            most=self.most / force,
+            top=self.top / square,
+            given=self.given / square,
+            step=None if self.step is None else self.step / square**0.5,
+            gain=None if self.gain is None else self.gain * square,
+            weights=None if self.weights is None else self.weights * force**2,
+        )
+
+    def measure_cost(self, x: Array, y: Array) -> float:
+        """The cost of forces x (N, k d) and squared speeds y, as ``top``."""
+        cost = 0.0 if self.weights is None else 0.5 * float((self.weights * x**2).sum())
+        if self.gain is not None:
+            cost -= float(self.gain @ y)
+        if self.step is not None:
+            cost += float(measure_times(y[self.nodes], self.step).sum())
+        return cost
+
+    def measure_residual(self, x: Array, y: Array) -> float:
+        """The largest error of balance and limits, for forces x (N, k d) and squared speeds y, as ``top``.
+
+        Forces count over the largest load, rows of C and speeds over their limits.
+        """
+        p, each = y[self.nodes], x.reshape(self.count, self.k, -1)
+        size = max(float(np.abs(self.e).max(initial=0.0)), float(self.least.max()), 1e-6)
+        balance = np.abs(x @ self.A.T - np.einsum("nbj,nj->nb", self.E, p) - self.e)
+        normal, slide = each[..., -1], self.friction.gauge(each[..., :-1])
+        forces = (balance, self.beyond_rows(x, y), slide - normal, self.least - normal, normal - self.most)
+        limits = (np.einsum("nrj,nj->nr", self.C, p) - self.c, y[self.free] / self.top[self.free] - 1.0)
+        return max(
+            *(float(one.max(initial=0.0)) / size for one in forces), *(float(one.max(initial=0.0)) for one in limits)
+        )
+
+    def beyond_rows(self, x: Array, y: Array) -> Array:
+        """How far the rows of R (m,) are beyond their limits at most, below zero where they are within them."""
+        rows = x @ self.R.T + np.einsum("nmj,nj->nm", self.B, y[self.nodes])
+        return np.asarray(np.maximum(rows - self.high, self.low - rows).max(axis=0))
+
+    def rows_that_may_bind(self, share: float) -> BoolArray:
+        """The rows of R (m,) that some forces up to a share of the largest bring to a limit where nothing moves."""
+        rows = self.R.reshape(-1, self.k, self.friction.d)
+        normal, friction = rows[..., -1], self.friction.support(rows[..., :-1])
+        ends = np.stack([self.least, np.maximum(share * self.most, self.least)])[:, None]
+        most, least = ((normal + sign * friction) * ends for sign in (1.0, -1.0))
+        high, low = most.max(axis=0).sum(axis=1), least.min(axis=0).sum(axis=1)
+        return np.asarray((high > self.high.min(axis=0)) | (low < self.low.max(axis=0)))
+
+    def keep_rows(self, kept: BoolArray) -> CarryProgram:
+        """The program with these rows of R alone (m,)."""
+        parts = {name: getattr(self, name)[:, kept] for name in ("B", "low", "high")}
+        return replace(self, R=self.R[kept], **parts)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solved:
-    """Where the method ended.
+class CarrySolution:
+    """Where a program ended.
 
     Attributes:
         y: squared speeds, as ``top`` of the program.
@@ -134,73 +192,6 @@ class Solved:
         return self.gap < 10 * self.accuracy and self.residual < 10 * self.accuracy
 
 
-def may_bind(program: Program, share: float) -> BoolArray:
-    """The rows of R (m,) that some forces up to a share of the largest bring to a limit where nothing moves."""
-    rows = program.R.reshape(-1, program.k, program.friction.d)
-    normal, friction = rows[..., -1], program.friction.support(rows[..., :-1])
-    ends = np.stack([program.least, np.maximum(share * program.most, program.least)])[:, None]
-    most, least = ((normal + sign * friction) * ends for sign in (1.0, -1.0))
-    high, low = most.max(axis=0).sum(axis=1), least.min(axis=0).sum(axis=1)
-    return np.asarray((high > program.high.min(axis=0)) | (low < program.low.max(axis=0)))
-
-
-def with_rows(program: Program, kept: BoolArray) -> Program:
-    """The program with these rows of R alone (m,)."""
-    if kept.all():
-        return program
-    parts = {name: getattr(program, name)[:, kept] for name in ("B", "low", "high")}
-    return replace(program, R=program.R[kept], **parts)
-
-
-def beyond_rows(program: Program, found: Solved) -> Array:
-    """How far the rows of R (m,) are beyond their limits, at most."""
-    p = found.y[program.nodes]
-    rows = found.x.reshape(program.count, -1) @ program.R.T
-    rows = rows + program.B[..., 0] * p[:, :1] + program.B[..., 1] * p[:, 1:]
-    return np.asarray(np.maximum(rows - program.high, program.low - rows).max(axis=0))
-
-
-class Times(NamedTuple):
-    """How long intervals take at constant acceleration, with derivatives.
-
-    Attributes:
-        value: (N,).
-        slope: (N, 2).
-        bend: (N, 2, 2).
-    """
-
-    value: Array
-    slope: Array
-    bend: Array
-
-
-def times(pairs: Array, step: float) -> Times:
-    """Of intervals of length ``step`` between squared speeds ``pairs`` (N, 2)."""
-    root = np.sqrt(pairs)
-    both = root.sum(axis=1)
-    value = 2.0 * step / both
-    root = np.maximum(root, 1e-75)
-    slope = -value[:, None] / (2.0 * both[:, None] * root)
-    bend = np.einsum("ni,nj,n->nij", 1.0 / root, 1.0 / root, value / (2.0 * both**2))
-    for j in (0, 1):
-        bend[:, j, j] += value / (4.0 * both * root[:, j] ** 3)
-    return Times(value, slope, bend)
-
-
-def gained_by_times(y: Array, slopes: Array, free: BoolArray, step: float) -> Array | None:
-    """A lower bound, its only entry (1,), of the change that squared speeds z >= 0 make of the times, their derivatives
-    at y (N + 1,) replaced by ``slopes`` (N + 1,): 0 where speeds are not ``free``.
-
-    Between a quarter of y_i and four times as much times are convex by c_i or more in z_i, so that nothing gains more
-    than the sum of slopes^2 / 2 c there; and where c_i d^2 / 4, d = 3/4 y_i, is more than twice that, nothing does
-    beyond, for on its way out it has lost more than that. None where it is less.
-    """
-    p = np.maximum(np.stack([y[:-1], y[1:]]), 1e-150)
-    curvature = np.zeros(len(y))
-    # What 1 / (sqrt a + sqrt b) has besides the square of its gradient, where it is least: 4 a, 4 b.
-    each = step / (2.0 * np.sqrt(p).sum(axis=0) ** 2 * p**1.5) / 32.0
-    curvature[:-1] += each[0]
-    curvature[1:] += each[1]
-    gained = float((slopes**2 / (2.0 * curvature)).sum())
-    beyond = (curvature * (0.75 * y) ** 2 / 4.0)[free]
-    return np.array([-gained]) if 2.0 * gained < beyond.min(initial=np.inf) else None
+def measure_times(pairs: Array, step: float) -> Array:
+    """How long intervals of length ``step`` take (N,), evenly accelerated between squared speeds ``pairs`` (N, 2)."""
+    return np.asarray(2.0 * step / np.sqrt(pairs).sum(axis=1))

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, qr
 
-from pinograsp.carry.interior_point import Program
 from pinograsp.carry.loads import Carried, CarryLoads
+from pinograsp.carry.program import CarryProgram
 from pinograsp.checks import brief
 from pinograsp.errors import CarryInfeasible
 from pinograsp.forces import ForceProblem, TorqueLimits
 from pinograsp.forces.matrices import elastic_reaction, matrices_of
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, IntArray
 
 _RANK, _BALANCED = 1e-9, 1e-7  # singular values, and parts of loads, below this share of the largest are none
 _FASTEST = 1e3  # [1/s] of the path parameter: a path in a millisecond
@@ -100,9 +100,10 @@ class Programs:
                 at=0.0,
                 solution=None,
             )
-        self.A = U[:, :rank].T @ self.matrices.A
-        self.E = np.einsum("br,nrj->nbj", U[:, :rank].T, scale[:, None] * wrench.pairs(self.step))
-        self.e = parts[2] @ U[:, :rank]
+        kept = _independent(self.matrices.A)
+        self.A = self.matrices.A[kept]
+        self.E = (scale[:, None] * wrench.pairs(self.step))[:, kept]
+        self.e = parts[2][:, kept]
 
     def timed(self, a: Array, b: Array, y: Array, fastest: float) -> Programs:
         """The same of a known timing, as functions of the square of a factor on its speed, which is below ``fastest``.
@@ -157,16 +158,16 @@ class Programs:
             words += 2 * [f"{kind} of {names[j]}" for j in limited.tolist()]
         return np.concatenate(rows, axis=1), np.concatenate(ends, axis=1), words
 
-    def program(self, **changes: object) -> Program:
+    def program(self, **changes: object) -> CarryProgram:
         """The program of the least time from rest to rest, in all scenarios; or with ``changes`` of it."""
         return replace(self._whole, **changes)  # type: ignore[arg-type]
 
     @cached_property
-    def _whole(self) -> Program:
+    def _whole(self) -> CarryProgram:
         return self._with_others() if self.others else self.alone
 
     @cached_property
-    def alone(self) -> Program:
+    def alone(self) -> CarryProgram:
         """The program of the least time from rest to rest, in this scenario."""
         B, low, high = self._rows()
         C, c, _ = self.arm_rows
@@ -175,7 +176,7 @@ class Programs:
         k, d = self.problem.k, self.problem.friction.d
         kept = np.zeros(k * d)
         kept[d - 1 :: d] = self.spare
-        return Program(
+        return CarryProgram(
             friction=self.problem.friction,
             k=k,
             A=self.A,
@@ -194,7 +195,7 @@ class Programs:
             step=self.step,
         )
 
-    def _with_others(self) -> Program:
+    def _with_others(self) -> CarryProgram:
         """The program of all scenarios: their contacts side by side, whose squeeze is the same.
 
         Normal forces differ as much as the loads make them on equal springs: n_s - n_1 = C (w_s - w_1).
@@ -216,14 +217,13 @@ class Programs:
         E = np.concatenate([*(one.E for one in each), *moved], axis=1)
         e = np.concatenate([*(one.e for one in each), *rest], axis=1)
         # Forces along the normals of parallel surfaces are balanced by normal forces alone: said twice.
-        U, size, _ = np.linalg.svd(A, full_matrices=False)
-        U = U[:, size > _RANK * size[0]]
+        kept = _independent(A)
         return replace(
             own,
             k=S * k,
-            A=U.T @ A,
-            E=np.einsum("br,nrj->nbj", U.T, E),
-            e=e @ U,
+            A=A[kept],
+            E=E[:, kept],
+            e=e[:, kept],
             R=block_diag(*(one.R for one in each)),
             B=np.concatenate([one.B for one in each], axis=1),
             low=np.concatenate([one.low for one in each], axis=1),
@@ -238,16 +238,23 @@ class Programs:
         """Of the contacts on the object (N, 6), moments over the moment length [N], at a squared speed."""
         return np.asarray(self.middle.wrench.squared(y) * self.wrench_scale)
 
-    def fastest_anywhere(self) -> Program:
+    def fastest_anywhere(self) -> CarryProgram:
         """How fast each interval may be passed by itself, with the acceleration that suits it best."""
         top = np.repeat(self.top, 2)[1:-1]
         return self.program(step=None, top=top, given=np.full(len(top), np.nan), gain=np.full(len(top), 0.5))
 
-    def gentlest(self, y: Array) -> Program:
+    def gentlest(self, y: Array) -> CarryProgram:
         """The least squared forces at squared speeds y (N + 1,) that are known."""
         assert self.matrices.P is not None  # of least squares
         weights = np.tile(np.diag(self.matrices.P), 1 + len(self.others))
         return self.program(step=None, given=y, weights=weights)
+
+
+def _independent(rows: Array) -> IntArray:
+    """Which rows (b, n) are linearly independent of each other, and span the others."""
+    upper, order = qr(rows.T, mode="r", pivoting=True)
+    size = np.abs(np.diag(upper))
+    return np.sort(order[: int((size > _RANK * size[0]).sum())])
 
 
 def _bias_rows(torques: TorqueLimits | None, norms: Array, n: int) -> Array:
