@@ -84,7 +84,7 @@ class CarryProgram:
 
     def add_at_nodes(self, pairs: Array) -> Array:
         """Sums at the nodes, as ``top``, of values at the two ends of each interval (N, 2)."""
-        return np.bincount(self.nodes.ravel(), pairs.ravel(), len(self.top))
+        return np.asarray(np.bincount(self.nodes.ravel(), pairs.ravel(), len(self.top)), dtype=float)
 
     def scale(self, force: float, square: float) -> CarryProgram:
         """The same program with forces over ``force`` [N] and squared speeds over ``square`` [1/s^2]."""
