@@ -17,10 +17,10 @@ from typing import Any
 try:  # Ctrl-C may come while the commands are imported
     import typer
 
-    from pinograsp.cli import bench, carry, certify, check, export, hands, new, plan, report, sweep, view
-    from pinograsp.cli.app import app, given, tell_json
+    from pinograsp.cli.app import app
     from pinograsp.cli.remedies import as_options
     from pinograsp.cli.screen import wrapped
+    from pinograsp.cli.session import Session
 except KeyboardInterrupt:
     sys.stderr.write("pinograsp: interrupted\n")
     raise SystemExit(130) from None
@@ -28,22 +28,7 @@ except KeyboardInterrupt:
 from pinograsp.errors import PinograspError, SearchFailed, Status, exit_code_of, status_of
 from pinograsp.words import escaped
 
-__all__ = [
-    "app",
-    "bench",
-    "carry",
-    "certify",
-    "check",
-    "export",
-    "hands",
-    "main",
-    "new",
-    "plan",
-    "report",
-    "run",
-    "sweep",
-    "view",
-]
+__all__ = ["app", "main", "run"]
 
 _CUT_OFF = 141  # as shells tell of tools that end by SIGPIPE
 _UsageError: Any = typer.BadParameter.__base__  # of click, or of the copy of it that typer brings
@@ -70,19 +55,19 @@ def main() -> None:
 
 def run() -> int:
     """Run the command line and return the exit code; errors become a message without a traceback."""
-    given.update(quiet=False, verbose=False, told=False)
+    session = Session()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # names of files may hold invalid text
     try:
-        code = int(app(prog_name="pinograsp", standalone_mode=False) or 0)
+        code = int(app(prog_name="pinograsp", standalone_mode=False, obj=session) or 0)
         sys.stdout.flush()
     except BaseException as error:
         if _is_cut_off(error):
             return _CUT_OFF
-        code = _report(error)
+        code = _report(error, session)
     again = "Run the same command again."
-    if code == 130 and not _as_json(Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", again):
+    if code == 130 and not _print_json(session, Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", again):
         _say("interrupted")
     return code
 
@@ -99,7 +84,7 @@ def _is_cut_off(error: BaseException) -> bool:
         return False
 
 
-def _report(error: BaseException) -> int:
+def _report(error: BaseException, session: Session) -> int:
     """Print an error, with ``--json`` also as JSON, and return the exit code. Unexpected errors are raised again."""
     name, status, code, remedy = type(error).__name__, status_of(error), exit_code_of(error), ""
     if isinstance(error, SystemExit):  # of the completion of shells
@@ -116,23 +101,25 @@ def _report(error: BaseException) -> int:
         remedy = error.remedy if isinstance(error, SearchFailed) else ""
         text = str(error) if str(error) or not isinstance(error, MemoryError) else "not enough memory: ask for less"
     else:
-        _as_json(Status.FAILED, name, str(error), "This is an error of pinograsp: report it with its traceback.")
+        _print_json(
+            session, Status.FAILED, name, str(error), "This is an error of pinograsp: report it with its traceback."
+        )
         raise error
     text = as_options(text)
-    if given["verbose"]:
+    if session.verbose:
         traceback.print_exception(error)
-    if not _as_json(status, name, text, remedy or status.remedy):
+    if not _print_json(session, status, name, text, remedy or status.remedy):
         _say(f"{text} ({remedy})" if isinstance(error, _UsageError) else text)
     return code
 
 
-def _as_json(status: Status, name: str, text: str, remedy: str) -> bool:
+def _print_json(session: Session, status: Status, name: str, text: str, remedy: str) -> bool:
     """Where that is asked for and none was printed, print one object: status, error, message, and what to do; whether
     it was.
     """
-    if "--json" not in sys.argv or given["quiet"] or given["told"]:
+    if "--json" not in sys.argv or session.quiet or session.printed:
         return False
-    tell_json({"status": str(status), "error": name, "message": text, "remedy": remedy})
+    session.print_json({"status": str(status), "error": name, "message": text, "remedy": remedy})
     return True
 
 

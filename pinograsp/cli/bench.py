@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Verbose, app, tell_json
 from pinograsp.cli.screen import show, tell
+from pinograsp.cli.session import Session
 
 if TYPE_CHECKING:
     from pinograsp.forces import ForceProblem
@@ -19,12 +19,10 @@ _REPEATS, _BATCH = 200, 10_000
 _MOST_CONTACTS = 200  # more take minutes and gigabytes
 
 
-@app.command()
 def bench(
+    *,
     contacts: Annotated[list[int] | None, typer.Option(help="Numbers of contacts; repeatable.")] = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    session: Session,
 ) -> None:
     """Measure the speed of this machine: one load of a ForceSolver, one step of OnlineForces, a batch of problems.
 
@@ -65,8 +63,8 @@ def bench(
             batch = pg.ForceBatch(**arrays, friction=problem.friction)
             pg.solve_batch(small)
             rows[-1]["batch_per_problem_us"] = round(1e6 * pg.solve_batch(batch).elapsed / len(batch), 2)
-    if as_json:
-        tell_json({"compiled": fast, "rows": rows})
+    if session.as_json:
+        session.print_json({"compiled": fast, "rows": rows})
         return
     columns = list(rows[0])
     tell("  ".join(columns))

@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import shlex
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pinograsp import defaults
 from pinograsp.cli import completion
-from pinograsp.cli.app import (
-    Arguments,
-    Exclude,
-    Fingers,
-    Json,
-    Masses,
-    Packages,
-    Palm,
-    Posture,
-    Quiet,
-    Root,
-    Srdf,
-    Trusted,
-    Verbose,
-    app,
-    bar,
-    given,
-    loading,
-    new_folder,
-    posture_of,
-    tell_json,
-)
+from pinograsp.cli.options import ArmOptions, force_option, new_folder, out_option
 from pinograsp.cli.screen import command, show
+from pinograsp.cli.session import Session
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -42,10 +25,99 @@ if TYPE_CHECKING:
 _SHOWN, _REMARKS = 6, 3  # stretches of the way, cautions and notes on the first screen
 _SHIFTS = ("com_x", "com_y", "com_z")
 
+_way = functools.partial(typer.Option, rich_help_panel="The way")
+_limit = functools.partial(typer.Option, rich_help_panel="Limits of the motion")
+_bears = functools.partial(typer.Option, rich_help_panel="What is held, and how")
 
-# An option per thing that a plan and a path do not say.
-@app.command()
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WayOptions:
+    """The arm's path, and its time."""
+
+    path: Annotated[
+        Path,
+        _way(
+            metavar="FILE",
+            help="The arm's way: .csv (a line of joints, then waypoints, with a column time or without), or .yaml, "
+            ".json (a trajectory as ROS and MoveIt print it).",
+        ),
+    ]
+    robot: Annotated[
+        str | None,
+        _way(
+            help="Arm and hand in one model: a file, or a hand of the catalogue, read by --root to --posture; default: "
+            "the grasp's own hand.",
+            autocompletion=completion.hands,
+        ),
+    ] = None
+    timing: Annotated[
+        str,
+        _way(help="fastest, or given: that of FILE.", autocompletion=completion.one_of(completion.TIMINGS)),
+    ] = "fastest"
+    intervals: Annotated[int, _way(help="Of the path, or of its time.")] = 500
+    rate: Annotated[float, _way(help="Of the trajectory's samples \\[Hz].")] = 1000.0
+    check: Annotated[bool, _way("--check", help="Simulate arm, hand and object on the whole way, too.")] = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionLimits:
+    """Limits of the motion."""
+
+    speed: Annotated[float | None, _limit(help="Largest of each joint \\[rad/s or m/s]; default: the robot's own.")] = (
+        None
+    )
+    acceleration: Annotated[float | None, _limit(help="Largest of each joint \\[rad/s^2 or m/s^2].")] = None
+    jerk: Annotated[float | None, _limit(help="Largest of each joint \\[rad/s^3 or m/s^3].")] = None
+    ramp: Annotated[float | None, _limit(help="Time in which accelerations change, at least \\[s]; default: 0.05.")] = (
+        None
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoldOptions:
+    """What is to be held against, and how the hand presses."""
+
+    squeeze: Annotated[
+        str,
+        _bears(
+            help="least: follows the loads; constant: commanded once; or a number: its largest change \\[N/s].",
+            autocompletion=completion.one_of(completion.SQUEEZES),
+        ),
+    ] = "least"
+    scenario: Annotated[
+        list[str] | None,
+        _bears(
+            metavar="NAME=VALUE,...",
+            help="What may be otherwise, as well: mass, mu (over the planned), com_x, com_y, com_z \\[m]; repeatable.",
+        ),
+    ] = None
+    reserve: Annotated[float, _bears(help="Share of every limit that is kept free.")] = 0.1
+    disturbance: Annotated[
+        float | None,
+        _bears(help="Force in any direction to bear as well \\[N]; default: what the grasp's plan bears."),
+    ] = None
+    gravity: Annotated[tuple[float, float, float], _bears(metavar="X Y Z", help="In the robot's world \\[m/s^2].")] = (
+        defaults.GRAVITY
+    )
+
+    def settings(self) -> dict[str, Any]:
+        """By the names of :func:`~pinograsp.carry.plan_carry`; :class:`InvalidInput` for scenarios that are none."""
+        try:
+            squeeze: str | float = float(self.squeeze)
+        except ValueError:
+            squeeze = self.squeeze
+        bears = {} if self.disturbance is None else {"disturbance": self.disturbance}
+        return {
+            "squeeze": squeeze,
+            "scenarios": [_scenario(text) for text in self.scenario or []],
+            "reserve": self.reserve,
+            "gravity_o": self.gravity,
+            **bears,
+        }
+
+
 def carry(
+    *,
     grasp: Annotated[
         str,
         typer.Argument(
@@ -54,78 +126,13 @@ def carry(
             autocompletion=completion.held,
         ),
     ],
-    path: Annotated[
-        Path,
-        typer.Option(
-            metavar="FILE",
-            help="The arm's way: .csv (a line of joints, then waypoints, with a column time or without), or .yaml, "
-            ".json (a trajectory as ROS and MoveIt print it).",
-        ),
-    ],
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="Arm and hand in one model: a file, or a hand of the catalogue; default: the grasp's own hand. --root "
-            "to --posture go with it.",
-            autocompletion=completion.hands,
-        ),
-    ] = None,
-    timing: Annotated[
-        str,
-        typer.Option(help="fastest, or given: that of FILE.", autocompletion=completion.one_of(completion.TIMINGS)),
-    ] = "fastest",
-    squeeze: Annotated[
-        str,
-        typer.Option(
-            help="least: follows the loads; constant: commanded once; or a number: its largest change \\[N/s].",
-            autocompletion=completion.one_of(completion.SQUEEZES),
-        ),
-    ] = "least",
-    scenario: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE,...",
-            help="What may be otherwise, as well: mass, mu (over the planned), com_x, com_y, com_z \\[m]; repeatable.",
-        ),
-    ] = None,
-    ramp: Annotated[
-        float | None, typer.Option(help="Time in which accelerations change, at least \\[s]; default: 0.05.")
-    ] = None,
-    jerk: Annotated[float | None, typer.Option(help="Largest of each joint \\[rad/s^3 or m/s^3].")] = None,
-    acceleration: Annotated[float | None, typer.Option(help="Largest of each joint \\[rad/s^2 or m/s^2].")] = None,
-    speed: Annotated[
-        float | None, typer.Option(help="Largest of each joint \\[rad/s or m/s]; default: the robot's own.")
-    ] = None,
-    reserve: Annotated[float, typer.Option(help="Share of every limit that is kept free.")] = 0.1,
-    disturbance: Annotated[
-        float | None,
-        typer.Option(help="Force in any direction to bear as well \\[N]; default: what the grasp's plan bears."),
-    ] = None,
-    intervals: Annotated[int, typer.Option(help="Of the path, or of its time.")] = 500,
-    gravity: Annotated[
-        tuple[float, float, float], typer.Option(metavar="X Y Z", help="In the robot's world \\[m/s^2].")
-    ] = (0.0, 0.0, -9.81),
-    check: Annotated[
-        bool, typer.Option("--check", help="Simulate arm, hand and object on the whole way, too.")
-    ] = False,
-    rate: Annotated[float, typer.Option(help="Of the trajectory's samples \\[Hz].")] = 1000.0,
-    root: Root = None,
-    palm: Palm = None,
-    fingers: Fingers = None,
-    packages: Packages = None,
-    arguments: Arguments = None,
-    trusted: Trusted = False,
-    masses: Masses = "estimate",
-    exclude: Exclude = None,
-    srdf: Srdf = None,
-    posture: Posture = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the results; default: a new one, carries/NAME, carries/NAME-2, ...")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results in --out.")] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    way: WayOptions,
+    hold: HoldOptions,
+    limits: MotionLimits,
+    arm: ArmOptions,
+    out: Annotated[Path | None, out_option("a new one, carries/NAME, carries/NAME-2, ...")] = None,
+    force: Annotated[bool, force_option("earlier results in --out")] = False,
+    session: Session,
 ) -> None:
     r"""Carry what a hand holds along an arm's path: how fast, how hard to squeeze on the way, and what binds where.
 
@@ -142,48 +149,44 @@ def carry(
     from pinograsp.carry import ArmPath, plan_carry, save_carry, simulate_carry
     from pinograsp.hands import load_hand
 
-    way, held = ArmPath.read(path), _grasp(grasp, as_json)
-    described = loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)
-    hand = held.hand
-    if robot is not None:
-        hand = load_hand(robot, root=root, posture=posture_of(posture), **described)
-    options = {"ramp": ramp, "jerk": jerk, "acceleration": acceleration, "speed": speed, "disturbance": disturbance}
+    path, held = ArmPath.read(way.path), _load_grasp(grasp, session)
+    described = arm.settings()
+    hand = held.hand if way.robot is None else load_hand(way.robot, **described)
+    bounds = {name: value for name, value in asdict(limits).items() if value is not None}
     with new_folder(out, force, Path(grasp).name, Path("carries")) as folder:
         plan = plan_carry(
             hand,
             held,
-            way,
-            timing=timing,  # type: ignore[arg-type]  # checked there
-            squeeze=_squeeze(squeeze),  # type: ignore[arg-type]
-            scenarios=[_scenario(text) for text in scenario or []],
-            reserve=reserve,
-            intervals=intervals,
-            gravity_o=gravity,
-            **{name: value for name, value in options.items() if value is not None},
+            path,
+            timing=way.timing,  # type: ignore[arg-type]  # checked there
+            intervals=way.intervals,
+            **hold.settings(),
+            **bounds,
         )
-        simulation = simulate_carry(plan) if check else None
-        save_carry(plan, folder, rate=rate, simulation=simulation)
-    if as_json:
-        seen = {} if simulation is None else {"held": simulation.verdict.held, "reason": simulation.verdict.reason}
-        tell_json({**plan.summary(), **seen, "folder": str(folder.path)})
+        simulation = simulate_carry(plan) if way.check else None
+        save_carry(plan, folder, rate=way.rate, simulation=simulation)
+    if session.as_json:
+        verdict = {}
+        if simulation is not None:
+            verdict = {"held": simulation.verdict.held, "reason": simulation.verdict.reason}
+        session.print_json({**plan.summary(), **verdict, "folder": str(folder.path)})
     else:
-        _print(plan, simulation, folder.path)
+        _print(plan, simulation, folder.path, session)
     if simulation is not None and not simulation.verdict.held:
         raise typer.Exit(3)
 
 
-def _print(plan: CarryPlan, simulation: Simulation | None, folder: Path) -> None:
+def _print(plan: CarryPlan, simulation: Simulation | None, folder: Path, session: Session) -> None:
     """What binds where, and at the end how fast and how hard."""
-    verbose = given["verbose"]
     stretches = [
         ("binds", f"{plan.times[first]:.3g} to {plan.times[last + 1]:.3g} s: {what}")
         for what, first, last in plan.stretches()
     ]
-    if not verbose and len(stretches) > _SHOWN:
+    if not session.verbose and len(stretches) > _SHOWN:
         shares = [("binds", f"{100 * share:.0f} % of the time: {what}") for what, share in plan.shares()]
         stretches = shares[:_SHOWN]
     remarks = [*(("caution", one) for one in plan.cautions), *(("note", one) for one in plan.notes)]
-    if not verbose and len(remarks) > _REMARKS:
+    if not session.verbose and len(remarks) > _REMARKS:
         left = len(remarks) - _REMARKS
         remarks = [*remarks[:_REMARKS], ("remarks", f"{left} more, in the report")]
     peak = int(plan.squeeze.argmax())
@@ -212,23 +215,15 @@ def _print(plan: CarryPlan, simulation: Simulation | None, folder: Path) -> None
         (f"xdg-open {shlex.quote(str(folder / 'view.html'))}", "see arm and hand move"),
         (command("export", folder, "--ros2", "goal.json", "--goal"), "a goal for the robot"),
     ]
-    more = "" if verbose else "more: in the report, or with -v"
-    show([*stretches, *remarks], answers, then, title=f"{plan.robot.name} carries it", level=level, more=more)
+    show([*stretches, *remarks], answers, then, title=f"{plan.robot.name} carries it", level=level, more=session.more)
 
 
-def _grasp(text: str, as_json: bool) -> GraspPlan:
+def _load_grasp(text: str, session: Session) -> GraspPlan:
     """The plan of a run's folder, or of a case."""
     from pinograsp.cases import load_case
     from pinograsp.planner import load_run
 
-    return load_run(text) if Path(text).is_dir() else load_case(text).plan(progress=bar(as_json))
-
-
-def _squeeze(text: str) -> str | float:
-    try:
-        return float(text)
-    except ValueError:
-        return text
+    return load_run(text) if Path(text).is_dir() else load_case(text).plan(progress=session.progress)
 
 
 def _scenario(text: str) -> CarryScenario:

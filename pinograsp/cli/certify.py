@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,113 +12,136 @@ import typer
 
 from pinograsp import defaults
 from pinograsp.cli import completion
-from pinograsp.cli.app import (
-    Arguments,
-    Backend,
-    Exclude,
-    Fingers,
-    Jobs,
-    Json,
-    Masses,
-    Mu,
-    Packages,
-    Palm,
-    Quiet,
-    Root,
-    Scheduler,
-    Srdf,
-    Trusted,
-    Verbose,
-    app,
-    bar,
-    loading,
-    pairs,
-    tell_json,
-)
+from pinograsp.cli.options import HandOptions, WorkerOptions, read_pairs
 from pinograsp.cli.screen import console, listed, show
+from pinograsp.cli.session import OUTPUT, Session
 from pinograsp.errors import InvalidInput, Status
 
 if TYPE_CHECKING:
-    from pinograsp.sweep import Certified
+    from pinograsp.forces import GraspConditions
+    from pinograsp.sweep import Certified, DataSet
 
 _SHOWN = 5  # faults
 _MEANT = "What the files mean is said by --convention, --frame, --joint or --original"
 
+_files = functools.partial(typer.Option, rich_help_panel="What the files mean")
+_condition = functools.partial(typer.Option, rich_help_panel="What a grasp must hold")
 
-# An option per thing that files of grasps do not say.
-@app.command()
-def certify(
-    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Files of grasps, or folders of them.")],
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileOptions:
+    """What files of grasps do not say."""
+
     hand: Annotated[
         str,
-        typer.Option(
+        _files(
             help="The hand: a name of 'pinograsp hands', or a URDF, xacro or MJCF file.",
             autocompletion=completion.hands,
         ),
-    ],
+    ]
     objects: Annotated[
         Path,
-        typer.Option(metavar="DIR", help="Folder of the objects that the files name; or the file of the one object."),
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the rows, as Parquet files.")],
+        _files(metavar="DIR", help="Folder of the objects that the files name; or the file of the one object."),
+    ]
     format: Annotated[
         str,
-        typer.Option(
-            help="Of the files: auto, or a name that the documentation lists.", autocompletion=completion.formats
-        ),
-    ] = "auto",
-    mass: Annotated[float | None, typer.Option(help="Of each object \\[kg].")] = None,
-    density: Annotated[float | None, typer.Option(help="Of each object \\[kg/m^3], where --mass is not given.")] = None,
-    mu: Mu = defaults.MU,
-    tolerance: Annotated[
-        float, typer.Option(help="Distance at which a link touches, outside or inside \\[m].")
-    ] = defaults.TOUCHES,
-    gravity: Annotated[
-        tuple[float, float, float],
-        typer.Option(metavar="X Y Z", help="In the object's frame, or its file's world \\[m/s^2]."),
-    ] = (0.0, 0.0, -9.81),
-    reserve: Annotated[bool, typer.Option(help="Ask for the reserve besides the weight.")] = True,
-    drives: Annotated[
-        bool, typer.Option(help="Ask for forces that the hand's drives can make; the table has it anyway.")
-    ] = True,
-    joints: Annotated[
-        list[str] | None,
-        typer.Option("--joint", metavar="FILE'S=HAND'S", help="The hand's name of a joint; repeatable."),
-    ] = None,
-    frame: Annotated[
-        str | None, typer.Option(metavar="LINK", help="Link of the hand whose frame the files tell the place of.")
-    ] = None,
+        _files(help="Of the files: auto, or a name that the documentation lists.", autocompletion=completion.formats),
+    ] = "auto"
     convention: Annotated[
         str | None,
-        typer.Option(
+        _files(
             help="What the files mean by their hand: a name that the documentation lists.",
             autocompletion=completion.conventions,
         ),
-    ] = None,
+    ] = None
+    frame: Annotated[
+        str | None, _files(metavar="LINK", help="Link of the hand whose frame the files tell the place of.")
+    ] = None
+    joints: Annotated[
+        list[str] | None,
+        _files("--joint", metavar="FILE'S=HAND'S", help="The hand's name of a joint; repeatable."),
+    ] = None
     original: Annotated[
-        str | None, typer.Option(metavar="FILE", help="The data set's own description of the hand, to compare with.")
-    ] = None,
+        str | None, _files(metavar="FILE", help="The data set's own description of the hand, to compare with.")
+    ] = None
+    mass: Annotated[float | None, _files(help="Of each object \\[kg].")] = None
+    density: Annotated[float | None, _files(help="Of each object \\[kg/m^3], where --mass is not given.")] = None
+
+    def read(self, files: list[Path], described: HandOptions) -> DataSet:
+        """The files as a data set."""
+        from pinograsp.checks import one_of
+        from pinograsp.data import FORMATS
+        from pinograsp.hands import load_hand
+        from pinograsp.sweep import DataSet
+
+        kind = "auto" if self.format == "auto" else one_of("--format", self.format, FORMATS)
+        original = self.original
+        return DataSet(
+            files=_list_files(files),
+            hand=load_hand(self.hand, **described.settings()),
+            objects=self.objects,
+            format=kind,
+            mass=self.mass,
+            density=self.density,
+            joints=read_pairs("--joint", self.joints) or None,
+            frame=self.frame,
+            convention=self.convention,
+            original=None if original is None else load_hand(original, trusted=described.trusted),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConditionOptions:
+    """What a grasp must hold."""
+
+    mu: Annotated[float, _condition(help="Friction coefficient.")] = defaults.MU
+    tolerance: Annotated[float, _condition(help="Distance at which a link touches, outside or inside \\[m].")] = (
+        defaults.TOUCHES
+    )
+    gravity: Annotated[
+        tuple[float, float, float],
+        _condition(metavar="X Y Z", help="In the object's frame, or its file's world \\[m/s^2]."),
+    ] = defaults.GRAVITY
+    reserve: Annotated[bool, _condition(help="Ask for the reserve besides the weight.")] = True
+    drives: Annotated[
+        bool, _condition(help="Ask for forces that the hand's drives can make; the table has it anyway.")
+    ] = True
+
+    def read(self) -> GraspConditions:
+        """The conditions of the forces."""
+        import numpy as np
+
+        from pinograsp.forces import GraspConditions, Reserve
+
+        reserve = Reserve() if self.reserve else None
+        return GraspConditions(mu=self.mu, gravity_o=np.array(self.gravity), reserve=reserve)
+
+
+def certify(
+    *,
+    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Files of grasps, or folders of them.")],
+    meaning: FileOptions,
+    conditions: ConditionOptions,
+    described: HandOptions,
+    workers: WorkerOptions,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the rows, as Parquet files.", rich_help_panel=OUTPUT)
+    ],
     back: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write the files again, with newtons, into this folder.")
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Write the files again, with newtons, into this folder.", rich_help_panel=OUTPUT
+        ),
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Picture of what holds, why not, and the newtons: .png or .svg.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Picture of what holds, why not, and the newtons: .png or .svg.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
-    jobs: Jobs = -1,
-    backend: Backend = "joblib",
-    scheduler: Scheduler = None,
-    root: Root = None,
-    palm: Palm = None,
-    fingers: Fingers = None,
-    packages: Packages = None,
-    arguments: Arguments = None,
-    trusted: Trusted = False,
-    masses: Masses = "estimate",
-    exclude: Exclude = None,
-    srdf: Srdf = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    session: Session,
 ) -> None:
     """Certify grasps of a data set: which hold, with how many newtons, and why the others do not. After an
     interruption, the same command continues.
@@ -128,48 +153,25 @@ def certify(
 
     With your data set's files in place; --back DIR writes them again, with newtons.
     """
-    import numpy as np
-
-    from pinograsp.checks import one_of
-    from pinograsp.data import FORMATS
-    from pinograsp.forces import GraspConditions, Reserve
-    from pinograsp.hands import load_hand
-    from pinograsp.sweep import DataSet, certify_files, written_back
-    from pinograsp.sweep.workers import BACKENDS
+    from pinograsp.sweep import certify_files, written_back
     from pinograsp.viz.certified import certified_picture
 
-    kind = "auto" if format == "auto" else one_of("--format", format, FORMATS)
-    if out.resolve() in [path.resolve() for path in (objects, back) if path is not None]:
+    if out.resolve() in [path.resolve() for path in (meaning.objects, back) if path is not None]:
         raise InvalidInput("--out: expected a folder of its own")
-    told = loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)
-    data = DataSet(
-        files=_listed(files),
-        hand=load_hand(hand, root=root, **told),
-        objects=objects,
-        format=kind,
-        mass=mass,
-        density=density,
-        joints=pairs("--joint", joints) or None,
-        frame=frame,
-        convention=convention,
-        original=None if original is None else load_hand(original, trusted=trusted),
-    )
-    conditions = GraspConditions(mu=mu, gravity_o=np.array(gravity), reserve=Reserve() if reserve else None)
+    data = meaning.read(files, described)
     done = certify_files(
         data,
         out,
-        conditions,
-        tolerance=tolerance,
-        drives=drives,
-        jobs=jobs,
-        backend=one_of("backend", backend, BACKENDS),
-        scheduler=scheduler,
-        progress=bar(as_json),
+        conditions.read(),
+        tolerance=conditions.tolerance,
+        drives=conditions.drives,
+        progress=session.progress,
+        **workers.settings(),
     )
     written, unwritten = ([], {}) if back is None or done.interrupted else written_back(data, out, back)
     if picture is not None and done.rows:
         certified_picture(done.table().to_pydict(), picture)
-    if as_json:
+    if session.as_json:
         status, remedy = Status.OK, ""
         if done.interrupted:
             status, remedy = Status.INTERRUPTED, "Some grasps are left: the same command continues."
@@ -177,7 +179,7 @@ def certify(
             status = Status.INVALID_INPUT
             remedy = "Mend or remove the files that faults name: the same command certifies them, too."
         more = {"written": [str(path) for path in written], "unwritten": unwritten}
-        tell_json({"status": str(status), "remedy": remedy} | done.summary() | more)
+        session.print_json({"status": str(status), "remedy": remedy} | done.summary() | more)
     else:
         _print(done, written, unwritten)
     if done.interrupted:
@@ -188,10 +190,10 @@ def certify(
         raise typer.Exit(3)
 
 
-def _listed(given: list[Path]) -> list[Path]:
+def _list_files(paths: list[Path]) -> list[Path]:
     """The files, those of folders in the order of their names, also what is no file and will be a fault."""
     found: list[Path] = []
-    for path in given:
+    for path in paths:
         if not os.path.isdir(path):
             found.append(path)
             continue
@@ -204,8 +206,6 @@ def _listed(given: list[Path]) -> list[Path]:
 
 def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> None:
     from rich.table import Table
-
-    from pinograsp.errors import Status
 
     screen = console()
     table = Table(box=None, header_style="bold")

@@ -2,24 +2,145 @@
 
 from __future__ import annotations
 
+import functools
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pinograsp.cli import completion
-from pinograsp.cli.app import Json, Quiet, Verbose, app, given, refuse_existing, tell_json
+from pinograsp.cli.options import read_numbers, refuse_existing
 from pinograsp.cli.screen import Fact, show
+from pinograsp.cli.session import Session
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
     from pinograsp.handover import JawCommand, JointTrajectory
 
 _CARRY = "carry.json"  # in a folder of 'pinograsp carry'
+_RATE = 1000.0  # [Hz]
+_ENDINGS = {"--csv": (".csv",), "--ros2": (".yaml", ".yml", ".json"), "--mujoco": (".xml",)}
+
+_file = functools.partial(typer.Option, rich_help_panel="What to write")
+_motor = functools.partial(typer.Option, rich_help_panel="What the motors are sent")
+_start = functools.partial(typer.Option, rich_help_panel="The start")
 
 
-@app.command()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileOptions:
+    """What is written, and what is in it."""
+
+    csv: Annotated[
+        Path | None,
+        _file("--csv", metavar="FILE", help="A table: time, then each joint's position, velocity, ... (.csv)."),
+    ] = None
+    ros2: Annotated[
+        Path | None,
+        _file("--ros2", metavar="FILE", help="A message of ROS 2: a JointTrajectory (.yaml, .json)."),
+    ] = None
+    mujoco: Annotated[
+        Path | None, _file("--mujoco", metavar="FILE", help="MuJoCo's keyframes, controls beside them (.xml).")
+    ] = None
+    followers: Annotated[
+        bool, _file("--followers", help="With --csv and --ros2: a column for coupled joints, too.")
+    ] = False
+    goal: Annotated[
+        bool, _file("--goal", help="With --ros2: a goal of FollowJointTrajectory, not the message alone.")
+    ] = False
+    effort: Annotated[bool, _file("--effort/--no-effort", help="With --ros2: the message has the joints' torques.")] = (
+        True
+    )
+    scene: Annotated[
+        bool, _file("--scene", help="With --mujoco: a scene that loads by itself: hand, object and motors.")
+    ] = False
+    force: Annotated[bool, _file("--force", help="Overwrite files.")] = False
+
+    @property
+    def places(self) -> dict[str, Path]:
+        """The files that are wanted, by option."""
+        places = {"--csv": self.csv, "--ros2": self.ros2, "--mujoco": self.mujoco}
+        return {option: file for option, file in places.items() if file is not None}
+
+    @property
+    def contents(self) -> dict[str, dict[str, Any]]:
+        """What is in a file, by option."""
+        table: dict[str, Any] = {"followers": self.followers}
+        return {"--csv": table, "--ros2": {**table, "goal": self.goal, "effort": self.effort}, "--mujoco": {}}
+
+    def check(self) -> None:
+        """InvalidInput for options that nothing written would heed, files without their ending, none at all."""
+        places = self.places
+        if not places:
+            raise InvalidInput(f"expected one or more of {', '.join(f'{option} FILE' for option in _ENDINGS)}")
+        for option, file in places.items():
+            if file.suffix not in _ENDINGS[option]:
+                endings = ", ".join(_ENDINGS[option])
+                raise InvalidInput(f"{option}: expected a name that ends in {endings}, got '{file.name}'")
+        for flag, is_set, options in (
+            ("--followers", self.followers, ("--csv", "--ros2")),
+            ("--goal", self.goal, ("--ros2",)),
+            ("--no-effort", not self.effort, ("--ros2",)),
+            ("--scene", self.scene, ("--mujoco",)),
+        ):
+            if is_set and not places.keys() & set(options):
+                raise InvalidInput(f"{flag}: expected with {' or '.join(options)}, got {', '.join(places)}")
+        for option, file in places.items():
+            refuse_existing(option, file, self.force)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotorOptions:
+    """What the motors are sent."""
+
+    command: Annotated[
+        str | None,
+        _motor(
+            help="torque, position (servos without feed-forward), impedance (servos with it) or jaw (force of a "
+            "gripper, and its widths where the jaws touch and at the end); default: the joints' motion with their "
+            "torques.",
+            autocompletion=completion.one_of(completion.COMMANDS),
+        ),
+    ] = None
+    stiffness: Annotated[
+        str | None,
+        _motor(metavar="K[,K...]", help="Of all servos, or of each \\[N m/rad or N/m]; default: the hand's own."),
+    ] = None
+    damping: Annotated[
+        str | None, _motor(metavar="D[,D...]", help="Of all servos, or of each \\[N m s/rad or N s/m].")
+    ] = None
+    rate: Annotated[float, _motor(help="Samples per second \\[Hz].")] = _RATE
+    blend: Annotated[
+        float | None, _motor(help="How long it takes to lead across jumps of acceleration \\[s]; default: 0.01.")
+    ] = None
+    start: Annotated[
+        str | None,
+        _start(
+            metavar="Q,Q,...",
+            help="Where the hand is, its joints in the order of q that 'pinograsp hands NAME' tells \\[rad or m]: a "
+            "straight way from there, unchecked, comes first.",
+        ),
+    ] = None
+    lead: Annotated[
+        float | None, _start(help="How long the way from --start takes, or waiting \\[s]; default: slowly.")
+    ] = None
+
+    def settings(self) -> dict[str, Any]:
+        """Those that are given, by the names of the functions that write."""
+        from pinograsp.checks import one_of
+        from pinograsp.handover.commands import COMMANDS
+
+        values: dict[str, Any] = {"lead": self.lead, "blend": self.blend}
+        values["command"] = None if self.command is None else one_of("--command", self.command, COMMANDS)
+        for name in ("stiffness", "damping", "start"):
+            text = getattr(self, name)
+            numbers = None if text is None else read_numbers(f"--{name}", text)
+            values[name] = numbers[0] if numbers is not None and len(numbers) == 1 else numbers
+        return {name: value for name, value in values.items() if value is not None}
+
+
 def export(
+    *,
     run: Annotated[
         Path,
         typer.Argument(
@@ -27,64 +148,9 @@ def export(
             autocompletion=completion.handed_over,
         ),
     ],
-    csv: Annotated[
-        Path | None,
-        typer.Option("--csv", metavar="FILE", help="A table: time, then each joint's position, velocity, ... (.csv)."),
-    ] = None,
-    ros2: Annotated[
-        Path | None,
-        typer.Option("--ros2", metavar="FILE", help="A message of ROS 2: a JointTrajectory (.yaml, .json)."),
-    ] = None,
-    mujoco: Annotated[
-        Path | None, typer.Option("--mujoco", metavar="FILE", help="MuJoCo's keyframes, controls beside them (.xml).")
-    ] = None,
-    command: Annotated[
-        str | None,
-        typer.Option(
-            help="What the motors are sent: torque, position (servos without feed-forward), impedance (servos with it) "
-            "or jaw (force of a gripper, and its widths where the jaws touch and at the end); default: the joints' "
-            "motion with their torques.",
-            autocompletion=completion.one_of(completion.COMMANDS),
-        ),
-    ] = None,
-    stiffness: Annotated[
-        str | None,
-        typer.Option(metavar="K[,K...]", help="Of all servos, or of each \\[N m/rad or N/m]; default: the hand's own."),
-    ] = None,
-    damping: Annotated[
-        str | None, typer.Option(metavar="D[,D...]", help="Of all servos, or of each \\[N m s/rad or N s/m].")
-    ] = None,
-    rate: Annotated[float, typer.Option(help="Samples per second \\[Hz].")] = 1000.0,
-    start: Annotated[
-        str | None,
-        typer.Option(
-            metavar="Q,Q,...",
-            help="Where the hand is, its joints in the order of q that 'pinograsp hands NAME' tells \\[rad or m]: a "
-            "straight way from there, unchecked, comes first.",
-        ),
-    ] = None,
-    lead: Annotated[
-        float | None, typer.Option(help="How long the way from --start takes, or waiting \\[s]; default: slowly.")
-    ] = None,
-    blend: Annotated[
-        float | None, typer.Option(help="How long it takes to lead across jumps of acceleration \\[s]; default: 0.01.")
-    ] = None,
-    followers: Annotated[
-        bool, typer.Option("--followers", help="With --csv and --ros2: a column for coupled joints, too.")
-    ] = False,
-    goal: Annotated[
-        bool, typer.Option("--goal", help="With --ros2: a goal of FollowJointTrajectory, not the message alone.")
-    ] = False,
-    effort: Annotated[
-        bool, typer.Option("--effort/--no-effort", help="With --ros2: the message has the joints' torques.")
-    ] = True,
-    scene: Annotated[
-        bool, typer.Option("--scene", help="With --mujoco: a scene that loads by itself: hand, object and motors.")
-    ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    files: FileOptions,
+    motors: MotorOptions,
+    session: Session,
 ) -> None:
     """Hand a plan over to a controller or a simulator: any of --csv, --ros2 and --mujoco.
 
@@ -97,71 +163,42 @@ def export(
 
       pinograsp export runs/paper --mujoco scene.xml --scene
     """
-    files = {"--csv": csv, "--ros2": ros2, "--mujoco": mujoco}
-    wanted = {option: file for option, file in files.items() if file is not None}
-    _refuse_useless(wanted, followers=followers, goal=goal, effort=effort, scene=scene)
-    for option, file in wanted.items():
-        refuse_existing(option, file, force)
-    if command == "jaw" and mujoco is not None:
+    files.check()
+    if motors.command == "jaw" and files.mujoco is not None:
         raise InvalidInput("--mujoco: expected with --command torque, position or impedance, got jaw")
-    asked: dict[str, Any] = {
-        "command": None if command is None else _command(command),
-        "stiffness": _numbers("--stiffness", stiffness),
-        "damping": _numbers("--damping", damping),
-        "start": _numbers("--start", start),
-        "lead": lead,
-        "blend": blend,
-    }
+    settings = motors.settings()
     jaws: tuple[JawCommand, ...] = ()
-    chosen = {key: value for key, value in asked.items() if value is not None}
-    more = {"--csv": {"followers": followers}, "--ros2": {"followers": followers, "goal": goal, "effort": effort}}
     if (run / _CARRY).is_file():
-        if chosen or scene or rate != 1000.0:
-            given_too = ", ".join([f"--{key}" for key in chosen] + ["--scene"] * scene + ["--rate"] * (rate != 1000.0))
+        useless = [f"--{name}" for name in settings]
+        useless += ["--scene"] * files.scene + ["--rate"] * (motors.rate != _RATE)
+        if useless:
             raise InvalidInput(
-                f"{given_too}: expected a run's folder, got '{run}', a carry plan, whose joints are sampled already "
-                "('pinograsp carry --rate')"
+                f"{', '.join(useless)}: expected a run's folder, got '{run}', a carry plan, whose joints are sampled "
+                "already ('pinograsp carry --rate')"
             )
-        trajectory = _carried(run, wanted, more)
+        trajectory = _write_carry(run, files)
     else:
-        trajectory, jaws = _planned(run, wanted, more, scene, {"rate": rate, **chosen})
-    written = {option.removeprefix("--"): str(file) for option, file in wanted.items()}
-    if as_json:
-        said: dict[str, Any] = {"samples": len(trajectory.times), "duration_s": float(trajectory.times[-1])}
-        said |= {"jaws": [jaw.summary() for jaw in jaws]} if jaws else {}
-        tell_json({**said, "names": list(trajectory.names), "notes": list(trajectory.notes), **written})
+        trajectory, jaws = _write_plan(run, files, {"rate": motors.rate, **settings})
+    written = {option.removeprefix("--"): str(file) for option, file in files.places.items()}
+    if session.as_json:
+        document: dict[str, Any] = {
+            "samples": len(trajectory.times),
+            "duration_s": float(trajectory.times[-1]),
+            "names": list(trajectory.names),
+            "notes": list(trajectory.notes),
+        }
+        if jaws:
+            document["jaws"] = [jaw.summary() for jaw in jaws]
+        session.print_json({**document, **written})
         return
-    told, *others = trajectory.describe().splitlines()
+    answer, *others = trajectory.describe().splitlines()
     facts: list[Fact] = [("", line) for line in (*(jaw.describe() for jaw in jaws), *map(str.strip, others))]
-    show(facts, [("What is it?", told), *(("Written", name) for name in written.values())], more=_more())
+    more = "" if session.verbose else "more: with -v"
+    show(facts, [("What is it?", answer), *(("Written", name) for name in written.values())], more=more)
 
 
-def _more() -> str:
-    return "" if given["verbose"] else "more: with -v"
-
-
-def _refuse_useless(wanted: dict[str, Path], *, followers: bool, goal: bool, effort: bool, scene: bool) -> None:
-    """InvalidInput for options that nothing written would heed, files without their ending, and one for two."""
-    endings = {"--csv": (".csv",), "--ros2": (".yaml", ".yml", ".json"), "--mujoco": (".xml",)}
-    if not wanted:
-        raise InvalidInput(f"expected one or more of {', '.join(f'{option} FILE' for option in endings)}")
-    for option, file in wanted.items():
-        if file.suffix not in endings[option]:
-            raise InvalidInput(
-                f"{option}: expected a name that ends in {', '.join(endings[option])}, got '{file.name}'"
-            )
-    for flag, set_, options in (
-        ("--followers", followers, ("--csv", "--ros2")),
-        ("--goal", goal, ("--ros2",)),
-        ("--no-effort", not effort, ("--ros2",)),
-        ("--scene", scene, ("--mujoco",)),
-    ):
-        if set_ and not wanted.keys() & set(options):
-            raise InvalidInput(f"{flag}: expected with {' or '.join(options)}, got {', '.join(wanted)}")
-
-
-def _planned(
-    run: Path, wanted: dict[str, Path], more: dict[str, dict[str, Any]], scene: bool, chosen: dict[str, Any]
+def _write_plan(
+    run: Path, files: FileOptions, settings: dict[str, Any]
 ) -> tuple[JointTrajectory, tuple[JawCommand, ...]]:
     """Write a run's plan; returns the joints' or drives' trajectory, and what jaws are sent."""
     from pinograsp.handover import jaw_commands
@@ -169,46 +206,28 @@ def _planned(
     from pinograsp.planner import load_run
 
     plan = load_run(run)
-    if scene and len(wanted) == 1:
-        return plan.to_mujoco(wanted["--mujoco"], scene=True, **chosen), ()
-    trajectory = commanded(plan, **{"command": None, **chosen})  # its errors come before anything is written
-    jaws = jaw_commands(plan) if chosen.get("command") == "jaw" else ()
-    if "--csv" in wanted:
-        trajectory = plan.to_csv(wanted["--csv"], **more["--csv"], **chosen)
-    if "--ros2" in wanted:
-        plan.to_ros2(wanted["--ros2"], **more["--ros2"], **chosen)
-    if "--mujoco" in wanted:
-        plan.to_mujoco(wanted["--mujoco"], scene=scene, **chosen)
+    if files.scene and files.mujoco is not None and len(files.places) == 1:
+        return plan.to_mujoco(files.mujoco, scene=True, **settings), ()
+    trajectory = commanded(plan, **{"command": None, **settings})  # its errors come before anything is written
+    jaws = jaw_commands(plan) if settings.get("command") == "jaw" else ()
+    if files.csv is not None:
+        trajectory = plan.to_csv(files.csv, **files.contents["--csv"], **settings)
+    if files.ros2 is not None:
+        plan.to_ros2(files.ros2, **files.contents["--ros2"], **settings)
+    if files.mujoco is not None:
+        plan.to_mujoco(files.mujoco, scene=files.scene, **settings)
     return trajectory, jaws
 
 
-def _carried(folder: Path, wanted: dict[str, Path], more: dict[str, dict[str, Any]]) -> JointTrajectory:
+def _write_carry(folder: Path, files: FileOptions) -> JointTrajectory:
     """Write the trajectory of a carry plan once more; returns it."""
     from pinograsp.handover import read_csv
 
     trajectory = read_csv(folder / "trajectory.csv")
-    if "--csv" in wanted:
-        trajectory.to_csv(wanted["--csv"], **more["--csv"])
-    if "--ros2" in wanted:
-        trajectory.to_ros2(wanted["--ros2"], **more["--ros2"])
-    if "--mujoco" in wanted:
-        trajectory.to_mujoco(wanted["--mujoco"])
+    if files.csv is not None:
+        trajectory.to_csv(files.csv, **files.contents["--csv"])
+    if files.ros2 is not None:
+        trajectory.to_ros2(files.ros2, **files.contents["--ros2"])
+    if files.mujoco is not None:
+        trajectory.to_mujoco(files.mujoco)
     return trajectory
-
-
-def _command(text: str) -> str:
-    from pinograsp.checks import one_of
-    from pinograsp.handover.commands import COMMANDS
-
-    return str(one_of("--command", text, COMMANDS))
-
-
-def _numbers(option: str, text: str | None) -> float | list[float] | None:
-    """One number, or several."""
-    if text is None:
-        return None
-    try:
-        values = [float(value) for value in text.split(",")]
-    except ValueError:
-        raise InvalidInput(f"{option}: expected numbers separated by commas, got '{text:.100}'") from None
-    return values[0] if len(values) == 1 else values

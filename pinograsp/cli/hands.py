@@ -7,34 +7,17 @@ from typing import Annotated
 import typer
 
 from pinograsp.cli import completion
-from pinograsp.cli.app import (
-    Arguments,
-    Exclude,
-    Fingers,
-    Json,
-    Masses,
-    Packages,
-    Palm,
-    Posture,
-    Quiet,
-    Root,
-    Srdf,
-    Trusted,
-    Verbose,
-    app,
-    loading,
-    posture_of,
-    tell_json,
-)
+from pinograsp.cli.options import ArmOptions
 from pinograsp.cli.screen import command, console, show, tell
+from pinograsp.cli.session import Session
 from pinograsp.errors import InvalidInput
 
 _BALL = "sphere:radius=0.03,mass=0.1"
 _WIDE = 120  # columns of a terminal that are enough for titles and names of fingers
 
 
-@app.command()
 def hands(
+    *,
     name: Annotated[
         str | None,
         typer.Argument(
@@ -42,19 +25,8 @@ def hands(
             autocompletion=completion.hands,
         ),
     ] = None,
-    root: Root = None,
-    palm: Palm = None,
-    fingers: Fingers = None,
-    packages: Packages = None,
-    arguments: Arguments = None,
-    trusted: Trusted = False,
-    masses: Masses = "estimate",
-    exclude: Exclude = None,
-    srdf: Srdf = None,
-    posture: Posture = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    arm: ArmOptions,
+    session: Session,
 ) -> None:
     """List the hands of the catalogue, or describe a hand: fingers, joints, limits, couplings, masses.
 
@@ -71,21 +43,19 @@ def hands(
     from pinograsp.hands.catalogue import CATALOGUE
     from pinograsp.hands.summary import record
 
-    told = loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf)
-    settings = {"root": root, "posture": posture_of(posture), **told}
     if name is None:
-        if root is not None:
+        if arm.root is not None:
             raise InvalidInput("--root needs the NAME of a hand or file")
-        if settings != {"root": None, "posture": {}, **loading(None, None, None, None, False, "estimate", None, None)}:
+        if arm != ArmOptions():
             raise InvalidInput(
                 "--palm, --finger, --package, --arg, --trusted, --masses, --exclude, --srdf, --posture need the "
                 "NAME of a hand or file"
             )
-        _list_hands(as_json)
+        _list_hands(session)
         return
-    hand = load_hand(name, **settings)
-    if as_json:
-        tell_json(record(hand))
+    hand = load_hand(name, **arm.settings())
+    if session.as_json:
+        session.print_json(record(hand))
         return
     answer, *details = hand.describe().splitlines()
     tell("\n".join(line.removeprefix("  ") for line in details))
@@ -93,12 +63,12 @@ def hands(
     show([], [("What is it?", answer)], trying if name in CATALOGUE else [])
 
 
-def _list_hands(as_json: bool) -> None:
+def _list_hands(session: Session) -> None:
     from pinograsp.hands.summary import cells, overview
 
     rows, problems = overview()
-    if as_json:
-        tell_json({"hands": rows, "problems": problems})
+    if session.as_json:
+        session.print_json({"hands": rows, "problems": problems})
         raise typer.Exit(2 if problems else 0)
     from rich.table import Table
 

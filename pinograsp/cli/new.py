@@ -8,22 +8,21 @@ from typing import Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Verbose, app, refuse_existing, tell_json
+from pinograsp.cli.options import force_option, refuse_existing
 from pinograsp.cli.screen import command, show
+from pinograsp.cli.session import Session
 from pinograsp.errors import InvalidInput
 from pinograsp.words import printable
 
 _ENDINGS = (".yaml", ".yml")
 
 
-@app.command()
 def new(
+    *,
     file: Annotated[Path, typer.Argument(help="What to write: a name that ends in .yaml.")],
     sweep: Annotated[bool, typer.Option("--sweep", help="A sweep instead of a case.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite FILE.")] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    force: Annotated[bool, force_option("FILE")] = False,
+    session: Session,
 ) -> None:
     """Write a case file, or a sweep file, to start from: it runs as it is, and explains each key.
 
@@ -40,8 +39,8 @@ def new(
     kind = "sweep" if sweep else "case"
     text = (Path(__file__).parent / f"new_{kind}.yaml").read_text(encoding="utf-8")
     write_file(file, text.replace("FILE", printable(shlex.quote(str(file))), 1).encode())
-    if as_json:
-        tell_json({"file": str(file), "kind": kind})
+    if session.as_json:
+        session.print_json({"file": str(file), "kind": kind})
         return
     running = [(command("sweep" if sweep else "plan", file), "runs as it is: make it yours")]
     show([], [("Written", f"{file}: a {kind} with all its keys explained")], running)

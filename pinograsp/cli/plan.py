@@ -1,69 +1,50 @@
-"""``pinograsp plan`` and ``pinograsp close``."""
+"""``pinograsp plan``."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import functools
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
-from pinograsp import defaults
 from pinograsp.cli import completion
-from pinograsp.cli.app import (
-    Arguments,
-    At,
-    Exclude,
-    Fingers,
-    FrictionModel,
-    Hulls,
-    Json,
-    Masses,
-    Mu,
-    Packages,
-    Palm,
-    Posture,
-    Quiet,
-    Root,
-    Safety,
-    Samples,
-    Seed,
-    Srdf,
-    Trusted,
-    Verbose,
-    Within,
-    Wrap,
-    app,
-    bar,
-    given,
-    loading,
+from pinograsp.cli.options import (
+    ArmOptions,
+    FrictionOptions,
+    GraspOptions,
+    force_option,
     new_folder,
-    numbers,
-    posture_of,
-    refuse_with_case,
-    tell_json,
+    out_option,
 )
-from pinograsp.cli.screen import command, console, needs, show, tell
+from pinograsp.cli.screen import command, console, needs, show
+from pinograsp.cli.session import Session
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
 
 if TYPE_CHECKING:
     from pinograsp.cases import Case
     from pinograsp.cases.object_case import ObjectCase
-    from pinograsp.contacts import Closure
     from pinograsp.planner import GraspPlan
     from pinograsp.synthesis import GraspSearch
     from pinograsp.writing import NewFolder
 
-_SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 (all shapes: below)"
+SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 (all shapes: below)"
 _WIDE = 120  # columns of a terminal that are enough for the notes of the comparison
 _SOME = 6  # contacts that are named one by one
 
+_thing = functools.partial(typer.Option, rich_help_panel="What to grasp")
+_pair = functools.partial(typer.Option, rich_help_panel="With --hand and --object alone")
+_case = functools.partial(typer.Option, rich_help_panel="With a case alone")
+_forces = functools.partial(typer.Option, rich_help_panel="Forces")
 
-class _WithObjects(TyperCommand):
+
+class CommandWithObjects(TyperCommand):
     """A command whose help ends with all that ``--object`` takes."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print the help."""
         from pinograsp.objects.spec import object_language
 
         first, *others = object_language()
@@ -72,8 +53,87 @@ class _WithObjects(TyperCommand):
         super().format_help(ctx, formatter)
 
 
-@app.command(cls=_WithObjects)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceOptions:
+    """How contact forces are chosen."""
+
+    search: Annotated[
+        str | None,
+        _forces(
+            help="hybrid, paper, paper+qp (grids) or convex (certified optimum).",
+            autocompletion=completion.one_of(completion.SEARCHES),
+        ),
+    ] = None
+    balance: Annotated[
+        str | None,
+        _forces(
+            help="force (the paper) or wrench (forces and moments).",
+            autocompletion=completion.one_of(completion.BALANCES),
+        ),
+    ] = None
+    measure: Annotated[
+        str | None,
+        _forces(help="impulse \\[N s] or work \\[J].", autocompletion=completion.one_of(completion.MEASURES)),
+    ] = None
+    solver: Annotated[
+        str | None,
+        _forces(
+            help="auto, newton, interior, or a QP solver that is there: daqp, clarabel, osqp...",
+            autocompletion=completion.one_of(completion.SOLVERS),
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairOptions:
+    """What a case file says otherwise."""
+
+    table: Annotated[bool, _pair("--table", help="The object stands on a table: the hand keeps above it.")] = False
+    torque_limit: Annotated[
+        float | None,
+        _pair(
+            help="Of every joint \\[N m or N], where it is below the effort limit of the hand's file, which may be far "
+            "too generous."
+        ),
+    ] = None
+    check: Annotated[
+        bool,
+        _pair(
+            "--check",
+            help="Simulate the grasps that were found, at rest and shaken, and take one that is held.",
+        ),
+    ] = False
+    reserve: Annotated[
+        str | None,
+        _pair(
+            help="What to bear besides the weight: none, default, or some of disturbance, moment_arm, mass, friction, "
+            "normal_force, torque, softer, stiffer: disturbance=0.5,mass=0.2 (shares; moment_arm \\[m]; softer, "
+            "stiffer: factors on the contacts' stiffness).",
+            autocompletion=completion.one_of(completion.RESERVES),
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaseOptions:
+    """What is done with a case besides planning it."""
+
+    changes: Annotated[
+        list[str] | None,
+        _case(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a value of the case; repeatable.",
+            autocompletion=completion.keys,
+        ),
+    ] = None
+    compare: Annotated[
+        bool, _case("--compare", help="With the case 'paper': print the table against the paper's figures, too.")
+    ] = False
+
+
 def plan(
+    *,
     context: typer.Context,
     case: Annotated[
         str | None,
@@ -84,105 +144,21 @@ def plan(
     ] = None,
     hand: Annotated[
         str | None,
-        typer.Option(
-            help="With --object: a hand of the catalogue, or its file; --root to --wrap go with it.",
-            autocompletion=completion.hands,
-        ),
+        _thing(help="With --object: a hand of the catalogue, or its file.", autocompletion=completion.hands),
     ] = None,
     object: Annotated[
         str | None,
-        typer.Option(help=f"With --hand: what to hold, as {_SPECS}.", autocompletion=completion.objects),
+        _thing(help=f"With --hand: what to hold, as {SPECS}.", autocompletion=completion.objects),
     ] = None,
-    root: Root = None,
-    at: At = None,
-    mu: Mu = defaults.MU,
-    friction: FrictionModel = None,
-    safety: Safety = 1.0,
-    samples: Samples = defaults.GRASPS,
-    seed: Seed = 0,
-    wrap: Wrap = False,
-    within: Within = None,
-    table: Annotated[
-        bool, typer.Option("--table", help="The object stands on a table: the hand keeps above it.")
-    ] = False,
-    hulls: Hulls = True,
-    palm: Palm = None,
-    fingers: Fingers = None,
-    packages: Packages = None,
-    arguments: Arguments = None,
-    trusted: Trusted = False,
-    masses: Masses = "estimate",
-    exclude: Exclude = None,
-    srdf: Srdf = None,
-    posture: Posture = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the results; default: a new one, runs/NAME, runs/NAME-2, ...")
-    ] = None,
-    search: Annotated[
-        str | None,
-        typer.Option(
-            help="hybrid, paper, paper+qp (grids) or convex (certified optimum).",
-            autocompletion=completion.one_of(completion.SEARCHES),
-        ),
-    ] = None,
-    balance: Annotated[
-        str | None,
-        typer.Option(
-            help="force (the paper) or wrench (forces and moments).",
-            autocompletion=completion.one_of(completion.BALANCES),
-        ),
-    ] = None,
-    measure: Annotated[
-        str | None,
-        typer.Option(help="impulse \\[N s] or work \\[J].", autocompletion=completion.one_of(completion.MEASURES)),
-    ] = None,
-    reserve: Annotated[
-        str | None,
-        typer.Option(
-            help="With --hand and --object, what to bear besides the weight: none, default, or some of disturbance, "
-            "moment_arm, mass, friction, normal_force, torque, softer, stiffer: disturbance=0.5,mass=0.2 (shares; "
-            "moment_arm \\[m]; softer, stiffer: factors on the contacts' stiffness).",
-            autocompletion=completion.one_of(completion.RESERVES),
-        ),
-    ] = None,
-    torque_limit: Annotated[
-        float | None,
-        typer.Option(
-            help="With --hand and --object: of every joint \\[N m or N], where it is below the effort limit of the "
-            "hand's file, which may be far too generous."
-        ),
-    ] = None,
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check",
-            help="With --hand and --object: simulate the grasps that were found, at rest and shaken, and take one that "
-            "is held.",
-        ),
-    ] = False,
-    solver: Annotated[
-        str | None,
-        typer.Option(
-            help="auto, newton, interior, or a QP solver that is there: daqp, clarabel, osqp...",
-            autocompletion=completion.one_of(completion.SOLVERS),
-        ),
-    ] = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change a value of the case; repeatable.",
-            autocompletion=completion.keys,
-        ),
-    ] = None,
-    compare: Annotated[
-        bool, typer.Option("--compare", help="With the case 'paper': print the table against the paper's figures, too.")
-    ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier run in --out.")] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    grasp: GraspOptions,
+    friction: FrictionOptions,
+    forces: ForceOptions,
+    pair: PairOptions,
+    of_case: CaseOptions,
+    arm: ArmOptions,
+    out: Annotated[Path | None, out_option("a new one, runs/NAME, runs/NAME-2, ...")] = None,
+    force: Annotated[bool, force_option("an earlier run in --out")] = False,
+    session: Session,
 ) -> None:
     """Plan a grasp: contact forces, joint torques, trajectories, figures and a report.
 
@@ -205,64 +181,91 @@ def plan(
 
     What each answer means: docs/howto/answers.md
     """
-    options = {"search": search, "balance": balance, "measure": measure, "solver": solver}
+    chosen = {key: value for key, value in asdict(forces).items() if value is not None}
     if case is not None and hand is None and object is None:
-        refuse_with_case(context, case)
-        if reserve not in (None, "none"):
+        _refuse_with_case(context, case)
+        if pair.reserve not in (None, "none"):
             raise InvalidInput("--reserve: expected --hand and --object, got CASE: its forces hold its load alone")
-        if compare and case != "paper":
+        if of_case.compare and case != "paper":
             raise InvalidInput(
                 f"--compare: expected with the case 'paper', whose figures are published, got '{case:.200}'"
             )
-        _plan(case, out, options, changes, force, as_json, compare)
+        _plan_case(case, chosen, of_case, (out, force), session)
     elif case is None and hand is not None and object is not None:
-        if changes:
+        if of_case.changes:
             raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
-        if compare:
+        if of_case.compare:
             raise InvalidInput("--compare: expected with the case 'paper', got --hand and --object")
-        placing = {
-            "mu": mu,
-            "friction": friction,
-            "safety": safety,
-            "samples": samples,
-            "seed": seed,
-            "wrap": wrap,
-            "within": _region(within),
-            "table": table,
-            "torque_limit": torque_limit,
-            "check": check,
-            "hulls": hulls,
-            "posture": posture_of(posture),
-            **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),
-        }
-        chosen = {key: value for key, value in {**options, "reserve": reserve}.items() if value is not None}
-        _plan_object(_object_case(hand, object, root, at, **placing, **chosen), out, force, as_json)
+        beside = asdict(pair)
+        if pair.reserve is None:
+            del beside["reserve"]
+        options = {**grasp.settings(), **asdict(friction), **arm.settings(), **chosen, **beside}
+        described = make_case(hand, object, options)
+        kind = object.partition(":")[0]
+        with new_folder(out, force, f"{Path(hand).stem}-{kind}") as folder:
+            found = search_grasps(described, session)
+            _finish(described.plan(found, progress=session.progress), folder, session)
     else:
         raise InvalidInput("expected either CASE, or --hand and --object")
 
 
-def _plan(
+# Where a case file has what options say of a hand and an object, by the names of the commands' parameters.
+_IN_CASES = {
+    **dict.fromkeys(
+        ("root", "palm", "fingers", "packages", "trusted", "masses", "exclude", "srdf", "hulls", "posture"), "hand."
+    ),
+    "arguments": "hand.xacro_args",
+    "at": "hand.position_mm",
+    "mu": "friction.mu",
+    "friction": "friction.model",
+    "safety": "friction.safety",
+    **dict.fromkeys(("within", "samples", "seed", "wrap", "table", "check"), "contacts"),
+    "torque_limit": "limits.torque_limit",
+}
+
+
+def _refuse_with_case(context: typer.Context, case: str) -> None:
+    """Refuse options of ``--hand`` and ``--object`` that were given with a case, which has all of that itself.
+
+    Raises:
+        InvalidInput: with the places of a case file where it is to be written.
+    """
+    options, places = [], []
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        source = context.get_parameter_source(name)
+        if name in _IN_CASES and source is not None and source.name == "COMMANDLINE":
+            place = _IN_CASES[name]
+            options.append(max(parameter.opts, key=len))
+            places.append(place + name if place.endswith(".") else place)
+    if options:
+        raise InvalidInput(
+            f"{', '.join(options)}: expected with --hand and --object, got CASE '{case:.200}', whose hand, object and "
+            f"contacts are in its file: write {', '.join(dict.fromkeys(places))} there, or give them with "
+            "--set KEY=VALUE"
+        )
+
+
+def _plan_case(
     case: str,
-    out: Path | None,
-    options: dict[str, Any],
-    changes: list[str] | None,
-    force: bool,
-    as_json: bool,
-    compare: bool,
+    chosen: dict[str, str],
+    options: CaseOptions,
+    results: tuple[Path | None, bool],
+    session: Session,
 ) -> None:
     from pinograsp.cases import load_case
 
-    chosen = [f'forces.{key}="{value}"' for key, value in options.items() if value is not None]
-    loaded = load_case(case, texts=[*(changes or []), *chosen])
-    with new_folder(out, force, loaded.name) as folder:
+    changes = [f'forces.{key}="{value}"' for key, value in chosen.items()]
+    loaded = load_case(case, texts=[*(options.changes or []), *changes])
+    with new_folder(*results, loaded.name) as folder:
         try:
-            planned = loaded.plan(progress=bar(as_json))
+            planned = loaded.plan(progress=session.progress)
         except GraspInfeasible as error:
             # A proof that there is no grasp is a result and is kept; a grid that found nothing proves nothing.
             if error.solution.search == "convex":
                 _keep_proof(error, loaded, folder)
             raise
-        _finish(_with_comparison(planned, loaded) if case == "paper" else planned, folder, as_json, compare)
+        _finish(_with_comparison(planned, loaded) if case == "paper" else planned, folder, session, options.compare)
 
 
 def _with_comparison(plan: GraspPlan, case: Case) -> GraspPlan:
@@ -276,108 +279,29 @@ def _with_comparison(plan: GraspPlan, case: Case) -> GraspPlan:
         return replace(plan, notes=(*plan.notes, note))
 
 
-def _object_case(hand: str, object: str, root: str | None, at: str | None, **options: Any) -> ObjectCase:
-    """The checked options of a hand and an object; ``at`` is x,y,z[,roll,pitch,yaw] in m and degrees."""
+def make_case(hand: str, object: str, options: dict[str, Any]) -> ObjectCase:
+    """A hand and an object as a case, with checked options."""
     from pinograsp.cases.object_case import ObjectCase
 
-    return ObjectCase.of(
-        hand=hand,
-        object=object,
-        root=root,
-        at=None if at is None else numbers("--at", at, (3, 6), "x,y,z or x,y,z,roll,pitch,yaw [m, deg]"),
-        **options,
-    )
+    return ObjectCase.of(hand=hand, object=object, **options)
 
 
-def _region(within: str | None) -> list[float] | None:
-    """The corners of ``--within``."""
-    wanted = "the lower and the upper corner of a box, x,y,z,x,y,z [m]"
-    return None if within is None else numbers("--within", within, (6,), wanted)
-
-
-def _found(case: ObjectCase, as_json: bool) -> GraspSearch | None:
+def search_grasps(case: ObjectCase, session: Session) -> GraspSearch | None:
     """Grasps of the object, or None where its place in the hand is given."""
     if case.at is not None:
         return None
-    found = case.grasps(progress=bar(as_json))
-    if found.interrupted:
-        held = len(found.grasps)
+    search = case.grasps(progress=session.progress)
+    if search.interrupted:
         typer.echo(
-            f"pinograsp: {found.tried} of {case.samples} samples tried, {held} grasps hold the object; nothing written",
+            f"pinograsp: {search.tried} of {case.samples} samples tried, {len(search.grasps)} grasps hold the object; "
+            "nothing written",
             err=True,
         )
         raise KeyboardInterrupt
-    return found
+    return search
 
 
-def _plan_object(case: ObjectCase, out: Path | None, force: bool, as_json: bool) -> None:
-    """Search grasps, plan the best one that can be carried out."""
-    kind = str(case.object).partition(":")[0]  # on the command line, the object is a text
-    with new_folder(out, force, f"{Path(case.hand).stem}-{kind}") as folder:
-        _finish(case.plan(_found(case, as_json), progress=bar(as_json)), folder, as_json)
-
-
-@app.command(cls=_WithObjects)
-def close(
-    hand: Annotated[
-        str,
-        typer.Option(help="A hand of the catalogue, or its URDF, xacro or MJCF file.", autocompletion=completion.hands),
-    ],
-    object: Annotated[str, typer.Option(help=f"What to close on, as {_SPECS}.", autocompletion=completion.objects)],
-    root: Root = None,
-    at: At = None,
-    mu: Mu = defaults.MU,
-    friction: FrictionModel = None,
-    safety: Safety = 1.0,
-    samples: Samples = defaults.GRASPS,
-    seed: Seed = 0,
-    wrap: Wrap = False,
-    within: Within = None,
-    hulls: Hulls = True,
-    palm: Palm = None,
-    fingers: Fingers = None,
-    packages: Packages = None,
-    arguments: Arguments = None,
-    trusted: Trusted = False,
-    masses: Masses = "estimate",
-    exclude: Exclude = None,
-    srdf: Srdf = None,
-    posture: Posture = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
-    """Close a hand on an object: which links touch it where, and what stops each joint.
-
-    Examples:
-      pinograsp close --hand panda --object sphere:radius=0.03,mass=0.2
-
-      pinograsp close --hand panda --object sphere:radius=0.03,mass=0.2 --at 0,0,0.1
-    """
-    placing = {
-        "mu": mu,
-        "friction": friction,
-        "safety": safety,
-        "samples": samples,
-        "seed": seed,
-        "wrap": wrap,
-        "within": _region(within),
-        "hulls": hulls,
-        "posture": posture_of(posture),
-        **loading(palm, fingers, packages, arguments, trusted, masses, exclude, srdf),
-    }
-    case = _object_case(hand, object, root, at, **placing)
-    found = _found(case, as_json)
-    closure = case.closure() if found is None else found.best.closure
-    if as_json:
-        tell_json(closure.summary())
-    else:
-        _print_closure(closure)
-    if not closure.touches:
-        raise typer.Exit(3)
-
-
-def _finish(plan: GraspPlan, folder: NewFolder, as_json: bool, compare: bool = False) -> None:
+def _finish(plan: GraspPlan, folder: NewFolder, session: Session, compare: bool = False) -> None:
     """Save a plan with its report and figures, print it, and exit with its code."""
     from pinograsp.planner import save_run
 
@@ -389,12 +313,12 @@ def _finish(plan: GraspPlan, folder: NewFolder, as_json: bool, compare: bool = F
         write_report(plan, path, [figure.name for figure in plan.save_figures(path)])
 
     save_run(plan, folder, extras=extras)
-    if as_json:
-        tell_json({**plan.summary(), "folder": str(folder.path)})
+    if session.as_json:
+        session.print_json({**plan.summary(), "folder": str(folder.path)})
     else:
         if compare and plan.comparison:
             _print_comparison(plan)
-        print_plan(plan, folder.path)
+        print_plan(plan, folder.path, session)
     if plan.status.exit_code:
         raise typer.Exit(plan.status.exit_code)
 
@@ -429,13 +353,13 @@ def _print_comparison(plan: GraspPlan) -> None:
     screen.print()
 
 
-def print_plan(plan: GraspPlan, folder: Path) -> None:
+def print_plan(plan: GraspPlan, folder: Path, session: Session) -> None:
     """Print a plan: what was planned, and at the end the answer."""
     from pinograsp.plan.answer import bears, does_it_hold, friction_used, shares
     from pinograsp.report import list_details, summarize
 
     remarks = [("caution", text) for text in plan.cautions]
-    if given["verbose"]:
+    if session.verbose:
         facts = [*(("note", text) for text in plan.notes), *list_details(plan), *summarize(plan), *remarks]
     else:
         known = dict(list_details(plan))
@@ -461,8 +385,7 @@ def print_plan(plan: GraspPlan, folder: Path) -> None:
         (command("check", folder), f"try it in simulation{needs('sim', 'mujoco')}"),
         (command("view", folder), f"look at it in a browser{needs('viz', 'viser')}"),
     ]
-    more = "" if given["verbose"] else "more: in the report, or with -v"
-    show(facts, answers, then, title=f"Grasp plan '{plan.name}'", level=answer.level, more=more)
+    show(facts, answers, then, title=f"Grasp plan '{plan.name}'", level=answer.level, more=session.more)
 
 
 def _presses(plan: GraspPlan) -> str:
@@ -477,11 +400,3 @@ def _presses(plan: GraspPlan) -> str:
         several = f" at {len(each)} contacts" if len(each) > 1 else ""
         told.append(f"{finger} {sum(each):.2f} N{several}")
     return ", ".join(told)
-
-
-def _print_closure(closure: Closure) -> None:
-    """What touches and stops, and at the end how many contacts there are."""
-    answer, *others = closure.describe().splitlines()
-    tell("\n".join(line.removeprefix("  ") for line in others))
-    touching = [("Next", "move the object (--at), or let a place be searched (no --at)")]
-    show([], [("Does it touch?", answer), *([] if closure.touches else touching)])

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, tell_json
+from pinograsp.cli.options import RunFolder
 from pinograsp.cli.screen import command, needs, show
+from pinograsp.cli.session import Session
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -17,15 +18,13 @@ if TYPE_CHECKING:
     from pinograsp.plan.answer import Answer
 
 
-@app.command()
 def report(
-    run: Run,
+    *,
+    run: RunFolder,
     check: Annotated[
         Path | None, typer.Option(help="Folder of a simulation to include; default: the newest in the run.")
     ] = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    session: Session,
 ) -> None:
     """Rewrite a run's report and figures, with the verdict of its newest simulation.
 
@@ -35,8 +34,8 @@ def report(
       pinograsp report runs/paper --check runs/paper/check
     """
     answer = refresh(run, check)
-    if as_json:
-        tell_json({"level": answer.level, "answer": answer.text, "folder": str(run)})
+    if session.as_json:
+        session.print_json({"level": answer.level, "answer": answer.text, "folder": str(run)})
         return
     told = [("Does it hold?", answer.text), ("Results", f"{run / 'report.html'}, beside it report.md and figures")]
     show([], told, [(command("view", run), f"look at it in a browser{needs('viz', 'viser')}")], level=answer.level)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pinograsp.cli.app import Backend, Jobs, Json, Quiet, Scheduler, Verbose, app, bar, tell_json
+from pinograsp.cli.options import WorkerOptions, out_option
 from pinograsp.cli.screen import command, console, show
+from pinograsp.cli.session import Session
 from pinograsp.errors import Status
 
 if TYPE_CHECKING:
@@ -21,8 +22,8 @@ _REMEDY = {
 }
 
 
-@app.command()
 def sweep(
+    *,
     file: Annotated[
         Path,
         typer.Argument(
@@ -30,13 +31,9 @@ def sweep(
             help="Case, fixed inputs (set), grid (over), random draws (samples); 'pinograsp new' writes one.",
         ),
     ],
-    out: Annotated[Path | None, typer.Option(help="Folder for the rows; default: runs/ and the file's name.")] = None,
-    jobs: Jobs = -1,
-    backend: Backend = "joblib",
-    scheduler: Scheduler = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    out: Annotated[Path | None, out_option("runs/ and the file's name")] = None,
+    workers: WorkerOptions,
+    session: Session,
 ) -> None:
     """Plan a case over ranges or random draws of its inputs: a table with a row per plan. After an interruption, the
     same command continues.
@@ -50,24 +47,15 @@ def sweep(
 
     On a cluster of Dask: --backend dask --scheduler tcp://ADDRESS:8786.
     """
-    from pinograsp.checks import one_of
     from pinograsp.sweep import sweep
-    from pinograsp.sweep.workers import BACKENDS
     from pinograsp.writing import safe_name
 
     folder = out if out is not None else Path("runs") / safe_name(file.stem)
-    done = sweep(
-        file,
-        folder,
-        jobs=jobs,
-        backend=one_of("backend", backend, BACKENDS),
-        scheduler=scheduler,
-        progress=bar(as_json),
-    )
+    done = sweep(file, folder, progress=session.progress, **workers.settings())
     usable = any(done.counts.get(status) for status in Status if status.exit_code == 0)
-    if as_json:
+    if session.as_json:
         status = Status.INTERRUPTED if done.interrupted else Status.OK if usable else Status.NOT_FOUND
-        tell_json({"status": str(status), "remedy": _REMEDY.get(status, "")} | done.summary())
+        session.print_json({"status": str(status), "remedy": _REMEDY.get(status, "")} | done.summary())
     else:
         _print(done, file)
     if done.interrupted:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pinograsp.cli.app import Json, Quiet, Run, Verbose, app, bar, refuse_existing, tell_json
+from pinograsp.cli.options import RunFolder, force_option, refuse_existing
 from pinograsp.cli.screen import tell
+from pinograsp.cli.session import Session
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -17,9 +18,9 @@ if TYPE_CHECKING:
 _FILMS = (".gif", ".mp4")
 
 
-@app.command()
 def view(
-    run: Run,
+    *,
+    run: RunFolder,
     html: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write a page that needs no server and no network."),
@@ -46,10 +47,8 @@ def view(
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the live page; the next free one is used.")] = 8080,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the live page in a browser.")] = True,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite FILE.")] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    force: Annotated[bool, force_option("FILE")] = False,
+    session: Session,
 ) -> None:
     """Show a plan: hand, object, forces and friction over time, and its simulation if there is one.
 
@@ -76,23 +75,23 @@ def view(
             refuse_existing(option, path, force)
     loaded = load_run(run)
     if png is not None:
-        _told(_picture(loaded, png, side, as_json), as_json)
+        _tell_written(_draw(loaded, png, side, session), session)
     found = check if check is not None else newest_check(run)
+    simulation = None if found is None or (html is None and png is not None) else read_check(found)
     if html is not None:
         from pinograsp.viz.viewer import save_html
 
-        _told(save_html(loaded, html, simulation=None if found is None else read_check(found)), as_json)
+        _tell_written(save_html(loaded, html, simulation=simulation), session)
     if png is not None or html is not None:
         return
     if not 0 <= port < 65536:
         raise InvalidInput(f"--port: expected a number from 0 to 65535, got {port}")
     from pinograsp.viz.viewer import view as show
 
-    simulation = None if found is None else read_check(found)
     with show(loaded, simulation=simulation, port=port, open_browser=browser) as viewer:
         try:
-            if as_json:
-                tell_json({"url": viewer.url, "check": None if found is None else str(found)})
+            if session.as_json:
+                session.print_json({"url": viewer.url, "check": None if found is None else str(found)})
             else:
                 beside = "" if found is None else f", with the simulation in {found}"
                 tell(f"{run} at {viewer.url}{beside}; Ctrl-C ends it")
@@ -101,7 +100,7 @@ def view(
             typer.echo("", err=True)
 
 
-def _picture(plan: GraspPlan, path: Path, side: str | None, as_json: bool) -> Path:
+def _draw(plan: GraspPlan, path: Path, side: str | None, session: Session) -> Path:
     """A still or a film, by the file's suffix."""
     where: str | list[float] | None = side
     if side is not None and "," in side:
@@ -110,15 +109,15 @@ def _picture(plan: GraspPlan, path: Path, side: str | None, as_json: bool) -> Pa
         except ValueError:
             raise InvalidInput(f"--from: expected front, back, side, top, or X,Y,Z, got '{side:.100}'") from None
     if path.suffix.lower() in _FILMS:
-        return plan.film(path, view=where, progress=bar(as_json))
+        return plan.film(path, view=where, progress=session.progress)
     return plan.picture(path, view=where)
 
 
-def _told(path: Path, as_json: bool) -> None:
+def _tell_written(path: Path, session: Session) -> None:
     from pinograsp.writing import list_in
 
     list_in(path.parent, path)  # so that it counts as one of a run's files
-    if as_json:
-        tell_json({"file": str(path), "bytes": path.stat().st_size})
+    if session.as_json:
+        session.print_json({"file": str(path), "bytes": path.stat().st_size})
     else:
         tell(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")

@@ -238,7 +238,7 @@ BAD = {
         "hand.xacro_args, hand.masses there",
     ),
     "trusted": (["paper", "--trusted"], "--trusted: expected with --hand and --object"),
-    "friction and placing": (["paper", "--mu", "0.7", "--wrap"], "write friction.mu, contacts there"),
+    "friction and placing": (["paper", "--mu", "0.7", "--wrap"], "write contacts, friction.mu there"),
     "arguments for a file that takes none": (
         ["paper", "--set", "hand.xacro_args={pose: 1}"],
         "arguments pose given, but only xacro files take arguments",

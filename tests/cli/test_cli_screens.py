@@ -115,12 +115,15 @@ def test_the_catalogue_fits_and_a_wide_terminal_shows_more(tmp_path):
 def test_many_contacts_and_cautions_fit_too(command, tmp_path, capsys, monkeypatch):
     """Forces are those of fingers, remarks some."""
     from pinograsp.cli.plan import print_plan
+    from pinograsp.cli.session import Session
 
     hand = pg.load_hand("panda")
     box = pg.Box(size=(0.04, 0.03, 0.05), mass=0.1, pose=pose_of([0, 0, 0.11], np.eye(3)))
     plan = pg.plan_grasp_on(hand, box, pg.GraspConditions(mu=0.6)).with_margins()
     capsys.readouterr()
-    print_plan(replace(plan, cautions=("a long caution " * 40,) * 9, notes=("a note",) * 5), tmp_path / ("x" * 100))
+    print_plan(
+        replace(plan, cautions=("a long caution " * 40,) * 9, notes=("a note",) * 5), tmp_path / ("x" * 100), Session()
+    )
     out = capsys.readouterr().out
     assert len(out.splitlines()) <= 22 and "in the report" in out
     total = float(np.sum(plan.forces.normal_forces[: len(plan.forces.normal_forces) // 2]))

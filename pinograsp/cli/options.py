@@ -1,0 +1,235 @@
+"""Options that commands share, in groups, and what their texts say."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pinograsp import defaults
+from pinograsp.cli import completion
+from pinograsp.cli.session import OUTPUT
+from pinograsp.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from pinograsp.writing import NewFolder
+
+_hand = functools.partial(typer.Option, rich_help_panel="How to read the hand")
+_grasp = functools.partial(typer.Option, rich_help_panel="Where to grasp")
+_friction = functools.partial(typer.Option, rich_help_panel="Friction")
+_work = functools.partial(typer.Option, rich_help_panel="Who works")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HandOptions:
+    """How a hand's file is to be read."""
+
+    root: Annotated[str | None, _hand(help="Link whose sub-tree is the hand, on an arm or a robot.")] = None
+    palm: Annotated[str | None, _hand(help="Link that the fingers start from; default: where chains part.")] = None
+    fingers: Annotated[
+        list[str] | None,
+        _hand("--finger", metavar="NAME=LINK", help="A finger's name and its last link; repeatable: these alone."),
+    ] = None
+    packages: Annotated[
+        list[str] | None,
+        _hand("--package", metavar="NAME=DIR", help="Folder of a ROS package, for files; repeatable."),
+    ] = None
+    arguments: Annotated[
+        list[str] | None, _hand("--arg", metavar="NAME=VALUE", help="Argument of a xacro file; repeatable.")
+    ] = None
+    trusted: Annotated[
+        bool, _hand("--trusted", help="Let the hand's xacro run code and read any file: for your own files only.")
+    ] = False
+    masses: Annotated[
+        str,
+        _hand(
+            help="Of links without any: estimate (from their shapes) or file (massless).",
+            autocompletion=completion.one_of(completion.MASSES),
+        ),
+    ] = "estimate"
+    exclude: Annotated[
+        list[str] | None, _hand("--exclude", metavar="LINK", help="Link that is not to touch; repeatable.")
+    ] = None
+    srdf: Annotated[str | None, _hand(metavar="FILE", help="SRDF with pairs of links that may overlap.")] = None
+
+    def settings(self) -> dict[str, Any]:
+        """By the names of :func:`~pinograsp.hands.load_hand`.
+
+        Raises:
+            InvalidInput: texts that are not NAME=VALUE, names given twice.
+        """
+        return {
+            "root": self.root,
+            "palm": self.palm,
+            "fingers": read_pairs("--finger", self.fingers) or None,
+            "packages": {
+                name: os.path.expanduser(folder) for name, folder in read_pairs("--package", self.packages).items()
+            },
+            "xacro_args": read_pairs("--arg", self.arguments),
+            "trusted": self.trusted,
+            "masses": self.masses,
+            "exclude": self.exclude or [],
+            "srdf": self.srdf,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmOptions(HandOptions):
+    """The same of a hand that may be on an arm."""
+
+    posture: Annotated[
+        list[str] | None,
+        _hand(
+            "--posture", metavar="JOINT=VALUE", help="Where a joint of an arm or wrist stays \\[rad or m]; repeatable."
+        ),
+    ] = None
+
+    def settings(self) -> dict[str, Any]:
+        """By the names of :func:`~pinograsp.hands.load_hand`; :class:`InvalidInput` also for postures that are no
+        numbers.
+        """
+        posture = {}
+        for joint, text in read_pairs("--posture", self.posture).items():
+            try:
+                posture[joint] = float(text)
+            except ValueError:
+                raise InvalidInput(f"--posture: expected JOINT=NUMBER [rad or m], got '{joint}={text}'") from None
+        return {**HandOptions.settings(self), "posture": posture}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraspOptions:
+    """Where a hand is to hold an object."""
+
+    at: Annotated[
+        str | None,
+        _grasp(help="Object in the hand's frame, x,y,z\\[,roll,pitch,yaw] \\[m, deg]; default: searched."),
+    ] = None
+    samples: Annotated[int, _grasp(help="Without --at: grasps to try.")] = defaults.GRASPS
+    seed: Annotated[int, _grasp(help="Without --at: seed of the search.")] = 0
+    within: Annotated[
+        str | None,
+        _grasp(
+            metavar="X,Y,Z,X,Y,Z",
+            help="Where to hold it, a handle for example: lower and upper corner of a box in the object's frame \\[m].",
+        ),
+    ] = None
+    wrap: Annotated[bool, _grasp("--wrap", help="Wrap the fingers round the object (power grasp).")] = False
+    hulls: Annotated[
+        bool,
+        _grasp("--hulls/--no-hulls", help="Take the convex hulls of the hand's meshes, as physics engines do."),
+    ] = True
+
+    def settings(self) -> dict[str, Any]:
+        """By the names of a case of hand and object; :class:`InvalidInput` for texts that are no such numbers."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        if self.at is not None:
+            values["at"] = read_numbers("--at", self.at, (3, 6), "x,y,z or x,y,z,roll,pitch,yaw [m, deg]")
+        if self.within is not None:
+            corners = "the lower and the upper corner of a box, x,y,z,x,y,z [m]"
+            values["within"] = read_numbers("--within", self.within, (6,), corners)
+        return values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionOptions:
+    """Friction between a hand and an object."""
+
+    mu: Annotated[float, _friction(help="Friction coefficient of the search and the plan.")] = defaults.MU
+    friction: Annotated[
+        str | None,
+        _friction(
+            help="Friction of the search and the plan: pyramid, cone or soft (torsion 5 mm). Default: cone, and soft "
+            "where two fingers touch.",
+            autocompletion=completion.one_of(completion.FRICTION),
+        ),
+    ] = None
+    safety: Annotated[float, _friction(help="Friction is used up to mu / safety.")] = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkerOptions:
+    """Who works on many things at once."""
+
+    jobs: Annotated[int, _work(help="Processes; -1: all cores.")] = -1
+    backend: Annotated[
+        str,
+        _work(
+            help="joblib: this machine, or dask: the cluster of --scheduler.",
+            autocompletion=completion.one_of(completion.BACKENDS),
+        ),
+    ] = "joblib"
+    scheduler: Annotated[
+        str | None, _work(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://10.0.0.1:8786.")
+    ] = None
+
+    def settings(self) -> dict[str, Any]:
+        """By the names of the functions that sweep."""
+        from pinograsp.checks import one_of
+        from pinograsp.sweep.workers import BACKENDS
+
+        return {"jobs": self.jobs, "backend": one_of("backend", self.backend, BACKENDS), "scheduler": self.scheduler}
+
+
+RunFolder = Annotated[
+    Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.", autocompletion=completion.runs)
+]
+
+
+def out_option(default: str) -> Any:
+    """Of ``--out``, with what it is by default."""
+    return typer.Option("--out", help=f"Folder for the results; default: {default}", rich_help_panel=OUTPUT)
+
+
+def force_option(overwritten: str) -> Any:
+    """Of ``--force``."""
+    return typer.Option("--force", help=f"Overwrite {overwritten}.", rich_help_panel=OUTPUT)
+
+
+def new_folder(out: Path | None, force: bool, name: str, beside: Path = Path("runs")) -> NewFolder:
+    """``--out``, or a new folder, NAME, NAME-2, ...; reserved for this process."""
+    from pinograsp.writing import NewFolder
+
+    return NewFolder(out, force=force) if out is not None else NewFolder.fresh(name, beside)
+
+
+def refuse_existing(option: str, file: Path, force: bool) -> None:
+    """:class:`ResultsNotWritten` where a file is in the way of what ``option`` is to write."""
+    from pinograsp.errors import ResultsNotWritten
+
+    if os.path.lexists(file) and not force:
+        raise ResultsNotWritten(f"{option}: '{file}' already exists: choose another name, or overwrite it with --force")
+
+
+def read_pairs(option: str, texts: list[str] | None) -> dict[str, str]:
+    """The NAME=VALUE of a repeatable option."""
+    pairs: dict[str, str] = {}
+    for text in texts or []:
+        name, _, value = text.partition("=")
+        if not name or not value or name in pairs:
+            raise InvalidInput(f"{option}: expected NAME=VALUE, each name once, got '{text}'")
+        pairs[name] = value
+    return pairs
+
+
+def read_numbers(option: str, text: str, counts: tuple[int, ...] = (), wanted: str = "") -> list[float]:
+    """The numbers of an option; ``counts``: how many there may be (any where empty), ``wanted``: what they are, with
+    their units.
+
+    Raises:
+        InvalidInput: other texts, other counts.
+    """
+    values: list[float] = []
+    with contextlib.suppress(ValueError):
+        values = [float(value) for value in text.split(",")]
+    if not values or (counts and len(values) not in counts):
+        many = f"{' or '.join(map(str, counts))} " if counts else ""
+        expected = f"{many}number{'' if counts == (1,) else 's'} separated by commas"
+        what = f", {wanted}" if wanted else ""
+        raise InvalidInput(f"{option}: expected {expected}{what}, got '{text:.100}'")
+    return values

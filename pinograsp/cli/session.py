@@ -1,0 +1,115 @@
+"""How one call of the command line prints, and functions as Typer takes them."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import inspect
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+OUTPUT = "Output"  # the panel of help that has these options
+
+
+@dataclass(slots=True)
+class Session:
+    """How one call prints, by options that all commands have.
+
+    Attributes:
+        as_json: one JSON object and nothing else.
+        quiet: errors alone.
+        verbose: all there is.
+        printed: whether the object of ``as_json`` was printed.
+    """
+
+    as_json: bool = False
+    quiet: bool = False
+    verbose: bool = False
+    printed: bool = False
+
+    @property
+    def progress(self) -> bool | None:
+        """Whether to show progress bars; None: on terminals."""
+        return False if self.as_json or self.quiet else None
+
+    @property
+    def more(self) -> str:
+        """Where to find what a screen has no room for; "" where all is shown."""
+        return "" if self.verbose else "more: in the report, or with -v"
+
+    def print_json(self, document: dict[str, Any]) -> None:
+        """Print the one object of ``--json``."""
+        self.printed = True
+        typer.echo(json.dumps(document, allow_nan=False))
+
+
+def _set_json(context: typer.Context, as_json: bool) -> None:
+    context.ensure_object(Session).as_json |= as_json
+
+
+def _set_quiet(context: typer.Context, quiet: bool) -> None:
+    session = context.ensure_object(Session)
+    if quiet and not session.quiet:
+        session.quiet = True
+        context.with_resource(contextlib.redirect_stdout(context.with_resource(open(os.devnull, "w"))))  # noqa: SIM115
+
+
+def _set_verbose(context: typer.Context, verbose: bool) -> None:
+    context.ensure_object(Session).verbose |= verbose
+
+
+_flag = functools.partial(typer.Option, expose_value=False, rich_help_panel=OUTPUT)
+Json = Annotated[
+    bool, _flag("--json", callback=_set_json, help="Print one JSON object and nothing else, errors included.")
+]
+Quiet = Annotated[
+    bool, _flag("--quiet", "-q", callback=_set_quiet, help="Print only errors; the exit code gives the result.")
+]
+Verbose = Annotated[
+    bool, _flag("--verbose", "-v", callback=_set_verbose, help="Print all there is, and the traceback of an error.")
+]
+_COMMON = {"as_json": Json, "quiet": Quiet, "verbose": Verbose}
+
+
+def as_command(function: Callable[..., None]) -> Callable[..., None]:
+    """A function as Typer takes it.
+
+    A parameter whose type is a dataclass stands for a group of options: one for each field. One of type
+    :class:`Session` stands for the options that all commands have.
+    """
+    hints = get_type_hints(function, include_extras=True)
+    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind) and kind is not Session}
+    of_context = [name for name, kind in hints.items() if kind is typer.Context]
+    of_session = [name for name, kind in hints.items() if kind is Session]
+    parameters = [_parameter("context", typer.Context)]
+    for name, parameter in inspect.signature(function).parameters.items():
+        if name in groups:
+            options = get_type_hints(groups[name], include_extras=True)
+            parameters += [_parameter(field.name, options[field.name], field.default) for field in fields(groups[name])]
+        elif name in of_session:
+            parameters += [_parameter(option, kind, False) for option, kind in _COMMON.items()]
+        elif name not in of_context:
+            parameters.append(_parameter(name, hints[name], parameter.default))
+
+    def command(context: typer.Context, **values: Any) -> None:
+        given = {
+            name: kind(**{field.name: values.pop(field.name) for field in fields(kind)})
+            for name, kind in groups.items()
+        }
+        given |= dict.fromkeys(of_context, context)
+        given |= {name: context.ensure_object(Session) for name in of_session}
+        function(**{name: value for name, value in values.items() if name not in _COMMON}, **given)
+
+    command.__name__, command.__doc__ = function.__name__, function.__doc__
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return command
+
+
+def _parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=annotation, default=default)
