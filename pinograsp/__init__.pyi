@@ -8,10 +8,10 @@ from .certification import (
     certify as certify,
 )
 from .contacts import (
-    Compliance as Compliance,
     Contact as Contact,
     ContactSet as ContactSet,
     Friction as Friction,
+    MarhefkaOrin as MarhefkaOrin,
     close_hand as close_hand,
     contacts_at as contacts_at,
 )

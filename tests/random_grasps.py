@@ -17,7 +17,7 @@ import cvxpy as cp
 import numpy as np
 from scipy.integrate import cumulative_simpson, simpson
 
-from pinograsp.contacts import Compliance, Contact, ContactSet, DecelerationShape, Friction
+from pinograsp.contacts import Contact, ContactSet, DecelerationShape, Friction, MarhefkaOrin
 from pinograsp.forces import ForceProblem, TorqueLimits
 from pinograsp.spatial import rotation_rpy, tangent_frame
 
@@ -99,7 +99,7 @@ def random_grasp(
         load=wrench,
         gravity_o=gravity,
         mu=mu,
-        compliance=Compliance(
+        compliance=MarhefkaOrin(
             stiffness={1.0: 4e3, 1.5: 5e4, 2.0: 7e5}[exponent] * rng.choice([1.0, rng.uniform(0.5, 2)]),
             damping=float(rng.choice([100.0, 100.0, 0.0, 400.0])),
             exponent=exponent,

@@ -64,7 +64,7 @@ def records(paper_case, paper_plan, tmp_path_factory):
         # Hands, objects, conditions.
         *(panda, panda.fingers[0], *panda.drives[:1], humanoid_hand(), box, pg.Sphere(radius=0.03, mass=0.2)),
         *(pg.Cylinder(radius=0.03, height=0.1, mass=0.2), pg.Capsule(radius=0.02, length=0.1, mass=0.2)),
-        *(pg.Ellipsoid(semi_axes=[0.02, 0.03, 0.04], mass=0.2), ball_mesh(), pg.Friction(), pg.Compliance()),
+        *(pg.Ellipsoid(semi_axes=[0.02, 0.03, 0.04], mass=0.2), ball_mesh(), pg.Friction(), pg.MarhefkaOrin()),
         *(conditions, pg.Reserve(), pg.GridSpec(), pg.MotionSpec(), DecelerationShape.constant()),
         *(paper_case, ObjectCase.of(hand="panda", object="sphere:radius=0.02,mass=0.1"), rows),
         # Grasps and contacts.

@@ -125,8 +125,8 @@ def force_band(
             :func:`~pinograsp.actuation.contact_stiffness`.
 
     Raises:
-        InvalidInput: a solution without forces, shapes that do not go together, a contact exponent below 1, or
-            tangential forces on contacts that have no tangential stiffness.
+        InvalidInput: a solution without forces, shapes that do not go together, a contact law that starts infinitely
+            stiff, or tangential forces on contacts that have no tangential stiffness.
     """
     return _band(Squeeze.of(solution, hand, tangential_ratio), _factors_of(factors))
 

@@ -29,6 +29,7 @@ from pinograsp.actuation.compliant_hand import (
 )
 from pinograsp.checks import array_of, at_least_zero, brief, frozen, instance_of, number
 from pinograsp.contacts import Compliance
+from pinograsp.contacts.compliance import checked_law
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import FARTHEST, Array
 
@@ -78,12 +79,12 @@ class QuasistaticMaps:
 def contact_stiffness(compliance: Compliance, normal_forces: ArrayLike, *, tangential_ratio: float = 2 / 3) -> Array:
     """K_c (3k, 3k) [N/m] of k contacts in contact axes at normal forces (k,) [N]: diagonal (k_t, k_t, k_n) each.
 
-    The normal stiffness is the contact law's slope at rest, k_n = rho K delta^(rho-1) at delta = (F_n / K)^(1/rho). The
-    tangential one is that of a contact that sticks, k_t = k_n 2 (1 - nu) / (2 - nu) (Mindlin, 1949):
-    ``tangential_ratio`` is 2/3 for an incompressible fingertip, nu = 1/2; 0: no friction.
+    The normal stiffness is the contact law's slope at rest, rho K delta^(rho-1) of the paper's. The tangential one is
+    that of a contact that sticks, k_t = k_n 2 (1 - nu) / (2 - nu) (Mindlin, 1949): ``tangential_ratio`` is 2/3 for an
+    incompressible fingertip, nu = 1/2; 0: no friction.
 
     Raises:
-        InvalidInput: a negative force or ratio, or a contact exponent below 1, whose slope is infinite at zero force.
+        InvalidInput: a negative force or ratio, or a law whose slope is infinite at no force.
     """
     normal = normal_stiffness(compliance, normal_forces)
     ratio = number("tangential stiffness ratio", tangential_ratio, at_least=0)
@@ -92,12 +93,11 @@ def contact_stiffness(compliance: Compliance, normal_forces: ArrayLike, *, tange
 
 def normal_stiffness(compliance: Compliance, normal_forces: ArrayLike) -> Array:
     """Slope k_n (k,) [N/m] of the contact law at rest, for normal forces (k,) [N]."""
-    rho = instance_of("compliance", compliance, Compliance).exponent
-    if rho < 1:
-        raise InvalidInput(f"contact law: expected an exponent >= 1, whose stiffness is finite, got {rho:g}")
+    if not np.isfinite(checked_law(compliance).slope(0.0)):
+        raise InvalidInput(f"contact law: expected a finite stiffness at no force (an exponent >= 1), got {compliance}")
     forces = at_least_zero("normal forces", array_of("normal forces", normal_forces, (None,)))
     with np.errstate(over="ignore"):
-        slope: Array = rho * compliance.stiffness * compliance.depth(forces) ** (rho - 1)
+        slope = compliance.slope(compliance.depth(forces))
     bounded("stiffness of the contacts", slope, LARGEST)
     return slope
 

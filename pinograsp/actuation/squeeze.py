@@ -7,8 +7,9 @@ equilibrium
     min over z, x of   sum of the contacts' elastic energies(u) + z^T D z / 2 - f*^T (B z - G^T x),
 
 a convex function: f* are the planned forces, which the commands give and which balance the load. Contacts press with
-K max(u_z, 0)^rho and stick with the tangential stiffness of their planned normal force. Where that asks for more than
-friction allows, the tangential force is what friction allows along the same direction, and equilibrium is found again.
+f(u_z), that of the contact law, and stick with the tangential stiffness of their planned normal force. Where that asks
+for more than friction allows, the tangential force is what friction allows along the same direction, and equilibrium is
+found again.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from pinograsp.actuation.compliant_hand import CompliantHand, inverse_of, yielding_motions
 from pinograsp.actuation.quasistatic import normal_stiffness
 from pinograsp.checks import brief, instance_of, number
+from pinograsp.contacts import Compliance
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TOLERANCE, ForceProblem, ForceSolution
 from pinograsp.spatial import Array, BoolArray
@@ -112,25 +114,23 @@ class Squeeze:
         return replace(self, motions=motions, yielding=yielding)
 
     def stiffness(self, factor: float) -> Array:
-        """K_c (3k, 3k) [N/m] at the planned forces, where K is ``factor`` times that of the plan."""
-        law = self.problem.compliance
-        normal = normal_stiffness(replace(law, stiffness=factor * law.stiffness), self.planned[:, 2])
+        """K_c (3k, 3k) [N/m] at the planned forces, where contacts press ``factor`` times as much as in the plan."""
+        normal = normal_stiffness(self.problem.compliance.scale(factor), self.planned[:, 2])
         return np.diag(np.column_stack([self.ratio * normal, self.ratio * normal, normal]).ravel())
 
     def settled(self, factor: float) -> Settled:
-        """The equilibrium where K is ``factor`` times that of the plan, by Newton's method on the energy."""
-        law, k, T = self.problem.compliance, self.problem.k, self.motions
-        K, rho = factor * law.stiffness, law.exponent
+        """The equilibrium where contacts press ``factor`` times as much, by Newton's method on the energy."""
+        law, k, T = self.problem.compliance.scale(factor), self.problem.k, self.motions
         across = np.diag(self.stiffness(factor)).reshape(k, 3)[:, :2]
-        start = np.column_stack([self.stretch, law.depth(self.planned[:, 2])])
+        start = np.column_stack([self.stretch, self.problem.compliance.depth(self.planned[:, 2])])
         pull = T.T @ self.planned.ravel()
 
         def forces(v: Array) -> tuple[float, Array, Array]:
             """Energy [J] without its constants, forces (k, 3) [N] and depths (k,) [m]."""
             u = start + (T @ v).reshape(k, 3)
             depth = np.maximum(u[:, 2], 0.0)
-            f = np.column_stack([across * u[:, :2], K * depth**rho])
-            stored = K / (rho + 1) * (depth ** (rho + 1)).sum() + (across * u[:, :2] ** 2).sum() / 2
+            f = np.column_stack([across * u[:, :2], law.force(depth)])
+            stored = law.energy(depth).sum() + (across * u[:, :2] ** 2).sum() / 2
             return float(stored + v @ self.yielding @ v / 2 - pull @ v), f, depth
 
         size = np.abs(T).sum(axis=0) * np.abs(self.planned).max()
@@ -142,7 +142,7 @@ class Squeeze:
         for _ in range(_STEPS):
             if np.all(np.abs(gradient) <= _SETTLED * size):
                 break
-            slope = rho * K * depth ** (rho - 1) * (depth > 0)
+            slope = law.slope(depth) * (depth > 0)
             springs = np.column_stack([across, slope]).ravel()
             hessian = scale[:, None] * ((T.T * springs) @ T + self.yielding) * scale
             step = -scale * np.linalg.solve(hessian + _DAMPING * np.eye(len(v)), scale * gradient)
@@ -162,16 +162,16 @@ class Squeeze:
         if not balanced or within.all():
             return stuck
         most = float(min(share.max(), _SLIPPERY))
-        return self._slipped(K, across, start, v, scale, size, most) or stuck
+        return self._slipped(law, across, start, v, scale, size, most) or stuck
 
     # Seven arguments: what the equilibrium without slip was found from, and where it is.
     def _slipped(
-        self, K: float, across: Array, start: Array, v: Array, scale: Array, size: Array, most: float
+        self, law: Compliance, across: Array, start: Array, v: Array, scale: Array, size: Array, most: float
     ) -> Settled | None:
         """The equilibrium where contacts slip, by a semismooth Newton method from the one without, ``v`` (p,), which
         takes ``most`` times the friction; None where none is found.
         """
-        T, rho, k = self.motions, self.problem.compliance.exponent, self.problem.k
+        T, k = self.motions, self.problem.k
         pull = T.T @ self.planned.ravel()
         twisted = self.torsion_share
 
@@ -179,7 +179,7 @@ class Squeeze:
             """What is left over (p,), forces (k, 3) [N] and their slopes (k, 3, 3) [N/m]."""
             u = start + (T @ v).reshape(k, 3)
             depth = np.maximum(u[:, 2], 0.0)
-            normal, slope = K * depth**rho, rho * K * depth ** (rho - 1) * (depth > 0)
+            normal, slope = law.force(depth), law.slope(depth) * (depth > 0)
             rest = np.sqrt(np.maximum(normal**2 - twisted**2, 0.0))
             mu = more * self.problem.mu
             tried = across * u[:, :2]
@@ -229,7 +229,7 @@ class Squeeze:
         law, k, T = self.problem.compliance, self.problem.k, self.motions
         depth = law.depth(self.planned[:, 2]) + (T @ settled.moved)[2::3]
         stiff = np.diag(self.stiffness(factor)).copy()
-        stiff[2::3] = factor * law.exponent * law.stiffness * np.maximum(depth, 0.0) ** (law.exponent - 1) * (depth > 0)
+        stiff[2::3] = law.scale(factor).slope(depth) * (depth > 0)
         normal = normal_stiffness(law, np.maximum(self.planned[:, 2], NEGLIGIBLE * self.planned[:, 2].max()))
         assumed = np.column_stack([self.ratio * normal, self.ratio * normal, normal]).ravel()
         kept = np.diag(np.divide(stiff, assumed, out=np.zeros(3 * k), where=assumed > 0))

@@ -441,7 +441,7 @@ class Carrying:
         Of the ways to be deeper the one that moves contacts along the surface least: friction would hold against it.
         """
         law, dofs = self.problem.compliance, self.carried[0].finger_dofs
-        depths = (np.maximum(normal, 0.0) / law.stiffness) ** (1.0 / law.exponent) - reference
+        depths = law.depth(np.maximum(normal, 0.0)) - reference
         moved = np.einsum("kxn,kxc->kcn", self._jacobian[:, :3, dofs], self.problem.contacts.rotations_oc)
         along, into = moved[:, :2].reshape(-1, len(dofs)), moved[:, 2]
         deeper = np.linalg.pinv(into, rcond=_GIVING)

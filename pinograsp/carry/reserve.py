@@ -126,7 +126,7 @@ def with_reserve(
         max_speed=_ANY,
     )
     low = np.zeros(held.k) if held.min_normal_force is None else held.min_normal_force
-    high = np.full(held.k, held.compliance.stiffness * held.max_depth**held.compliance.exponent)
+    high = np.full(held.k, held.deepest_force)
     if held.max_normal_force is not None:
         high = np.minimum(high, held.max_normal_force)
     return problem, (low, np.maximum(kept * high, low + 1e-9))

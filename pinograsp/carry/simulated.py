@@ -11,6 +11,7 @@ import pinocchio as pin
 from pinograsp.carry.loads import Carried
 from pinograsp.carry.record import CarryPlan
 from pinograsp.checks import instance_of
+from pinograsp.contacts import law_of
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.plan import Simulation
 from pinograsp.simulation import Servo, simulate
@@ -124,10 +125,10 @@ def carry_task(plan: CarryPlan, letting_go: float) -> Task:
         forces_o=forces,
         normal_forces=plan.normal_forces[-1],
         settled_forces=plan.normal_forces[-1],
-        depths=(plan.normal_forces[-1] / grasp.law.stiffness) ** (1.0 / grasp.law.exponent),
+        depths=law_of(grasp.law).depth(np.maximum(plan.normal_forces[-1], 0.0)),
         mu=grasp.friction.mu,
         torsion=grasp.friction.torsion,
-        law=(grasp.law.stiffness, grasp.law.damping, grasp.law.exponent),
+        law=grasp.law,
         load=np.zeros(6),
         gravity_o=plan.gravity_o,
         carrier=grasp.hand.palm,

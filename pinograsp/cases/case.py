@@ -17,11 +17,11 @@ from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.reading import changes_of, check_extent, put_value, read_mapping, validated
 from pinograsp.checks import in_brief, instance_of, number, path_of
 from pinograsp.contacts import (
-    Compliance,
     ContactSet,
     DecelerationShape,
     Friction,
     FrictionModel,
+    MarhefkaOrin,
     Measure,
     contacts_at,
     touching,
@@ -165,9 +165,9 @@ class FrictionSection(Section):
 class ComplianceSection(Section):
     """The contact law: stiffness [N/m^exponent], damping [N s/m^(exponent + 1)], exponent."""
 
-    stiffness: Positive = Compliance().stiffness
-    damping: NotNegative = Compliance().damping
-    exponent: Annotated[float, Field(ge=0.5, le=10)] = Compliance().exponent
+    stiffness: Positive = MarhefkaOrin().stiffness
+    damping: NotNegative = MarhefkaOrin().damping
+    exponent: Annotated[float, Field(ge=0.5, le=10)] = MarhefkaOrin().exponent
 
 
 class DecelerationSection(Section):
@@ -389,7 +389,7 @@ class Case(Section):
             gravity_o=self.gravity,
             mu=self.friction.mu,
             friction=self.friction.of(contacts, self.forces.search),
-            compliance=Compliance(**self.compliance.model_dump()),
+            compliance=MarhefkaOrin(**self.compliance.model_dump()),
             balance=self.forces.balance,
             measure=self.forces.measure,
             final_time=self.limits.final_time,

@@ -93,7 +93,7 @@ class Asked:
         self.wrenches = self.wrenches[np.abs(self.wrenches).max(axis=1) > 0]
         law = conditions.compliance
         cap = np.inf if conditions.max_normal_force is None else conditions.max_normal_force
-        deepest = float(law.stiffness * conditions.max_depth**law.exponent)
+        deepest = float(law.force(conditions.max_depth))
         self.holding = Holding(friction=CONE, mu=conditions.mu, weight=weight, cap=min(cap, deepest))
         ratios = () if hand.direct_drive else ratios_of(hand.joint_names, hand.drives)
         self.ratios = np.array([ratio.row for ratio in ratios]).reshape(-1, hand.n)
@@ -170,7 +170,7 @@ class Block:
         self.points_o, self.gaps, self.jacobians = padded(points), padded(found.gap[touch] + leaning), padded(J)
         # What closes the gap that leaning faces leave.
         law = own.conditions.compliance
-        self.closing = padded(law.stiffness * leaning**law.exponent)
+        self.closing = padded(law.force(leaning))
         self.rotations = padded(frames)
         self.rotations[~self.used] = np.eye(3)
         self.links = padded(own.scene.link_of[found.part[touch]])
@@ -351,7 +351,7 @@ class Block:
         <pinograsp.motion.pressing_together>` as columns, scaled likewise: what takes large motions does not count.
         """
         law = self.own.conditions.compliance
-        depths = (self.local[..., 3] / law.stiffness) ** (1.0 / law.exponent)
+        depths = law.depth(np.maximum(self.local[..., 3], 0.0))
         moves, shifts = self._motions()
         sizes = np.linalg.norm(moves, axis=1, keepdims=True)
         moves = moves / (JOINTS * np.where(sizes > HARDLY, sizes, np.inf))

@@ -44,7 +44,7 @@ def trial_of(certificates: Certificates, i: int) -> Task:
     joints = torque_limits(hand, contacts, q, limit=limit, gravity_o=conditions.gravity_o)
     normals = certificates.normals_o[i, :count]
     rates = np.einsum("kx,kxn->kn", normals, joints.jacobian[:, :3])
-    depths = (normal / law.stiffness) ** (1.0 / law.exponent)
+    depths = law.depth(np.maximum(normal, 0.0))
     body = certificates.object
     arms = certificates.points_o[i, :count] - body.com_o
     shifts = -np.column_stack([normals, np.cross(arms, normals)])
@@ -77,7 +77,7 @@ def trial_of(certificates: Certificates, i: int) -> Task:
         depths=read_only(depths),
         mu=problem.mu,
         torsion=problem.friction.torsion,
-        law=(law.stiffness, law.damping, law.exponent),
+        law=law.numbers(conditions.max_depth),
         load=read_only(np.zeros(6)),
         gravity_o=conditions.gravity_o,
     )

@@ -11,19 +11,14 @@ from pinograsp.contacts.clearance import (
 )
 from pinograsp.contacts.closing import close_hand
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
-from pinograsp.contacts.compliance import (
-    MEASURES,
-    Compliance,
-    Measure,
-    PenetrationProfile,
-    energy_terms,
-    impulse_energy,
-    work_energy,
-)
+from pinograsp.contacts.compliance import MEASURES, Compliance, MarhefkaOrin, Measure
 from pinograsp.contacts.contact_set import Contact, ContactSet, contacts_at
 from pinograsp.contacts.deceleration import DecelerationShape
 from pinograsp.contacts.friction import FRICTION_MODELS, Friction, FrictionModel
+from pinograsp.contacts.hertz import hertz
+from pinograsp.contacts.measured import MeasuredCompliance, law_of
 from pinograsp.contacts.penetration import touching
+from pinograsp.contacts.penetration_profile import PenetrationProfile
 from pinograsp.contacts.posture import PostureContacts, contacts_of
 from pinograsp.contacts.synergy import open_and_closed
 
@@ -39,7 +34,9 @@ __all__ = [
     "DecelerationShape",
     "Friction",
     "FrictionModel",
+    "MarhefkaOrin",
     "Measure",
+    "MeasuredCompliance",
     "NearPoint",
     "PenetrationProfile",
     "PostureContacts",
@@ -49,12 +46,11 @@ __all__ = [
     "close_hand",
     "contacts_at",
     "contacts_of",
-    "energy_terms",
     "fingertips",
-    "impulse_energy",
+    "hertz",
+    "law_of",
     "link_centre",
     "near_points",
     "open_and_closed",
     "touching",
-    "work_energy",
 ]

@@ -22,6 +22,7 @@ from pinograsp.checks import array_of, brief, floats_of, number, shown, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array
 
+_NODES, _WEIGHTS = (np.polynomial.legendre.leggauss(48) + np.array([[1.0], [0.0]])) / 2  # on [0, 1]
 _MOST_POWERS = 50  # of a polynomial: its roots are found one by one, and rounding eats more
 
 
@@ -122,6 +123,21 @@ class DecelerationShape:
         """Depth / (A tau^2) at u (...): zero up to u = 0, ``depth_factor`` from u = 1 on."""
         depth: Array = self._depth(_clipped(u))
         return depth
+
+    @property
+    def quadrature(self) -> tuple[Array, Array, Array]:
+        """Weights (n,) of an integral over u from 0 to 1, and there the depth over the final one and its rate (n,) [-].
+
+        For functions of the depth that may start as a power of it, which is smooth in the fourth root of u.
+        """
+        ends = self.alpha.x
+        u, weights = [], []
+        for i, (start, width) in enumerate(zip(ends, np.diff(ends))):
+            power = 4 if i == 0 else 1
+            u.append(start + width * _NODES**power)
+            weights.append(_WEIGHTS * width * power * _NODES ** (power - 1))
+        at = np.concatenate(u)
+        return np.concatenate(weights), self.depth(at) / self.depth_factor, self.rate(at) / self.depth_factor
 
     def impulse_factor(self, rho: float) -> float:
         """(rho + 1) times the integral of sigma^rho over u, sigma = depth / final depth: c of "impulse" (Eq. 11)."""

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
 from pinograsp.checks import array_of, brief, each_of, instance_of, number, one_of, read_only, shown
-from pinograsp.contacts.compliance import Compliance
+from pinograsp.contacts.compliance import Compliance, checked_law
 from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.contacts.friction import LARGEST_MU, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
@@ -216,7 +216,7 @@ def grasp_stiffness(
 ) -> GraspStiffness:
     """Stiffness matrix G diag(k_t, k_t, k_n) G^T of the grasp at its operating point, the fingers held still.
 
-    The normal stiffness is the contact law's slope at rest, k_n = rho K delta^(rho-1) at delta = (F_n / K)^(1/rho).
+    The normal stiffness is the contact law's slope at rest, rho K delta^(rho-1) of the paper's.
     The tangential one is that of an elastic contact that sticks, k_t = k_n 2 (1 - nu) / (2 - nu) (Mindlin, 1949): 2/3
     of it for an incompressible fingertip, nu = 1/2. Springs follow Cutkosky and Kao, "Computing and controlling the
     compliance of a robotic hand" (1989); the change of the forces' directions and lever arms as the object moves, of
@@ -235,13 +235,15 @@ def grasp_stiffness(
             infinite there).
     """
     length = _moment_length(contacts, moment_length)
-    instance_of("compliance", compliance, Compliance)
+    checked_law(compliance)
     force = _per_contact("normal forces", normal_forces, len(contacts), "N")
     ratio = number("tangential stiffness ratio", tangential_ratio, at_least=0)
-    rho = compliance.exponent
-    if rho < 1 and np.any(force == 0):
-        raise InvalidInput(f"normal forces: expected > 0 [N] for a contact exponent below 1, got {force.tolist()}")
-    normal = rho * compliance.stiffness * compliance.depth(force) ** (rho - 1)
+    normal = compliance.slope(compliance.depth(force))
+    if not np.isfinite(normal[force == 0]).all():
+        raise InvalidInput(
+            "normal forces: expected > 0 [N] for a contact law that starts infinitely stiff (an exponent below 1), "
+            f"got {force.tolist()}"
+        )
     tangential = ratio * normal
     springs = np.column_stack([tangential, tangential, normal]).ravel()
     if np.any((springs != 0) & ~((springs > 1 / _STIFF) & (springs < _STIFF))):

@@ -28,9 +28,6 @@ from pinograsp.checks import (
 from pinograsp.contacts import (
     ContactSet,
     Friction,
-    energy_terms,
-    impulse_energy,
-    work_energy,
 )
 from pinograsp.contacts.compliance import MEASURES, Measure
 from pinograsp.contacts.friction import LARGEST_MU, default_friction
@@ -44,8 +41,6 @@ from pinograsp.words import by_name, lines_of
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-_ENERGIES = {"impulse": impulse_energy, "work": work_energy}
 
 BY_ACCELERATION = "deceleration range (Eq. 13c)"
 BY_SPEED = "impact speed (Eq. 13b)"
@@ -241,6 +236,12 @@ class ForceProblem(ForceSettings):
         """Final depth per deceleration [s^2] for an impact at t_I [s]: tau^2 / 2 if constant (Eq. 24b)."""
         return self.shape.depth_factor * (self.final_time - self.checked_impact_time(impact_time)) ** 2
 
+    @property
+    def deepest_force(self) -> float:
+        """F_n at rest at ``max_depth`` [N]."""
+        with np.errstate(over="ignore"):
+            return min(float(self.compliance.force(self.max_depth)), _STRONG)
+
     def normal_force(self, acceleration: ArrayLike, impact_time: float) -> Array:
         """F_n at t_F [N] for decelerations A [m/s^2] and an impact at t_I [s] (Eq. 26)."""
         depth: Array = finite_of("deceleration", acceleration) * self.depth_per_acceleration(impact_time)
@@ -283,19 +284,12 @@ class ForceProblem(ForceSettings):
             BY_DEPTH: self.max_depth,
         }
         reason = min(limits, key=limits.__getitem__)
-        K, rho = self.compliance.stiffness, self.compliance.exponent
-
-        def force(depth: float) -> float:
-            try:
-                return float(K * depth**rho)
-            except OverflowError:
-                return np.inf
-
-        low, high = force(self.acceleration_range[0] * depth), force(limits[reason])
+        with np.errstate(over="ignore"):  # infinite
+            low, high = self.compliance.force(np.array([self.acceleration_range[0] * depth, limits[reason]])).tolist()
         if not low <= _STRONG:
             raise InvalidInput(
-                f"contact law: expected a least normal force of at most {_STRONG:g} N, got {low:.3g} N at a stiffness "
-                f"of {K:g} N/m^rho and an exponent of {rho:g}; check these, and the least acceleration"
+                f"contact law: expected a least normal force of at most {_STRONG:g} N, got {low:.3g} N from "
+                f"{self.compliance}; check it, and the least acceleration"
             )
         return NormalForceLimits(low, min(high, _STRONG), reason)
 
@@ -304,22 +298,22 @@ class ForceProblem(ForceSettings):
         name = one_of("measure", self.measure if measure is None else measure, MEASURES)
         duration = self.final_time - self.checked_impact_time(impact_time)
         try:
-            terms = energy_terms(self.compliance, name, duration, self.shape)
+            terms = self.compliance.powers(name, duration, self.shape, largest=self.deepest_force)
         except OverflowError:
             terms = ((float("inf"), 1.0),)
         if not all(0 < coefficient <= _DEAR for coefficient, _ in terms):
             raise InvalidInput(
                 f"contact law: expected an energy per newton above 0 and up to {_DEAR:g}, got "
-                f"{', '.join(f'{coefficient:.3g}' for coefficient, _ in terms)}; check stiffness, exponent and "
-                f"damping of {self.compliance}"
+                f"{', '.join(f'{coefficient:.3g}' for coefficient, _ in terms)}; check {self.compliance}"
             )
         return terms
 
     def energy(self, normal_force: ArrayLike, impact_time: float, measure: Measure | None = None) -> Array:
         """Grasp energy per contact for final normal forces [N] and an impact at t_I [s]; in the measure's unit."""
-        energy = _ENERGIES[one_of("measure", self.measure if measure is None else measure, MEASURES)]
+        name = one_of("measure", self.measure if measure is None else measure, MEASURES)
+        energy = self.compliance.impulse if name == "impulse" else self.compliance.work
         depth = self.compliance.depth(normal_force)
-        return energy(self.compliance, depth, self.final_time - self.checked_impact_time(impact_time), self.shape)
+        return energy(depth, self.final_time - self.checked_impact_time(impact_time), self.shape)
 
     def forces(self, normal_force: ArrayLike, multipliers: ArrayLike) -> Array:
         """Contact forces f_c (k, 3) [N] from normal forces (k,) and multipliers (k, 2) (Eqs. 27, 28)."""

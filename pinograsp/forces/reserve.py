@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, instance_of, number, share_of
-from pinograsp.contacts import Friction
+from pinograsp.contacts import Compliance, Friction
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
@@ -272,8 +272,9 @@ def least_squeeze(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | 
     instance_of("reserve", reserve, Reserve)
     loads, kept = _kept_back(problem, reserve)
     made = np.zeros((0, problem.k)) if rows is None else array_of("rows", rows, (None, problem.k))
-    # About even forces F the depths are (1 + (f / F - 1) / rho) times the same: only the ratios of the forces count.
-    share = 1.0 / problem.compliance.exponent
+    # About even forces F the depths are (1 + (f / F - 1) / rho) times the same: only the ratios of the forces count,
+    # where rho, the law's own or that of its slope at the load's share of a contact, does not depend on the depth.
+    share = _power_at(problem.compliance, problem.scaled_norm(problem.load) / problem.k)
     fixed = np.asarray(made @ (share * np.eye(problem.k) + (1.0 - share) / problem.k)), np.zeros(len(made))
     weights = robust_weights("peak", problem)
     early, bounds = problem.impact_time_range[0], widest_range(kept)
@@ -329,7 +330,7 @@ def producible_reserve(
         for _ in range(_MADE_ROUNDS):
             least = np.maximum(F, _LITTLE * F.max())
             depths = law.depth(least)
-            slopes = depths / (law.exponent * least)
+            slopes = 1.0 / law.slope(depths)
             size = float(slopes.max())
             equations = rows * slopes / size, rows @ (slopes * F - depths) / size
             others = () if scenarios is None else scenarios(last.under(problem.load))
@@ -395,6 +396,12 @@ def reserve_along(
 def _kept_back(problem: ForceProblem, reserve: Reserve) -> tuple[LoadSet, ForceProblem]:
     """The loads of a reserve, and the problem with what it keeps back."""
     return reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
+
+
+def _power_at(law: Compliance, force: float) -> float:
+    """1 / rho [-] of the power law that touches a law at a normal force [N]."""
+    depth = law.depth(force or 1.0)
+    return float((force or 1.0) / (depth * law.slope(depth)))
 
 
 def widest_range(kept: ForceProblem) -> tuple[Array, Array]:

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from pinograsp import defaults
 from pinograsp.checks import array_of, instance_of, one_of
-from pinograsp.contacts import Compliance, DecelerationShape, Friction
-from pinograsp.contacts.compliance import MEASURES, Measure
+from pinograsp.contacts import Compliance, DecelerationShape, Friction, MarhefkaOrin
+from pinograsp.contacts.compliance import MEASURES, Measure, checked_law
 from pinograsp.contacts.deceleration import bounds_of
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.spatial import Array
@@ -39,7 +39,7 @@ class ForceSettings:
     """
 
     friction: Friction | None = None
-    compliance: Compliance = field(default_factory=Compliance)
+    compliance: Compliance = field(default_factory=MarhefkaOrin)
     balance: Balance = "wrench"
     measure: Measure = "impulse"
     gravity_o: Array = defaults.GRAVITY  # type: ignore[assignment]  # becomes an array in __post_init__
@@ -53,7 +53,7 @@ class ForceSettings:
 
     def __post_init__(self) -> None:
         instance_of("friction", self.friction, Friction, type(None))
-        instance_of("compliance", self.compliance, Compliance)
+        checked_law(self.compliance)
         instance_of("shape", self.shape, DecelerationShape)
         one_of("balance", self.balance, BALANCES)
         one_of("measure", self.measure, MEASURES)

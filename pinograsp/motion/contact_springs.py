@@ -166,7 +166,7 @@ class Contacts:
     def response(self, now: Now) -> Array:
         """How depths at rest follow those that joints give (k, k), to first order."""
         into = self.columns[:, 0]
-        steep = self.law.exponent * self.law.stiffness * self.law.depth(now.normal) ** (self.law.exponent - 1)
+        steep = self.law.slope(self.law.depth(now.normal))
         scaled = self.units[:, None] * now.stiffness * self.units
         pulled = np.linalg.lstsq(scaled, self.units[:, None] * (into.T * steep), rcond=_RANK)[0]
         return np.asarray(np.eye(len(steep)) - (into * self.units) @ pulled)
@@ -187,7 +187,7 @@ class Now:
         found = known - (contacts.flat @ y).reshape(known.shape)
         self._contacts, self.y = contacts, y
         self._deep = np.maximum(found[:, 0], 0.0)
-        self.normal = law.stiffness * self._deep**law.exponent
+        self.normal = law.force(self._deep)
         limit = self.normal if capped is None else capped
         self._asked = asked = found[:, 1:]
         self._pull = [np.sqrt(np.einsum("ki,ki->k", asked[:, :3], asked[:, :3]))]
@@ -250,7 +250,7 @@ class Now:
         """
         law, asked = self._contacts.law, self._asked
         slopes = np.zeros((len(asked), asked.shape[1] + 1, asked.shape[1] + 1))
-        slopes[:, 0, 0] = law.exponent * law.stiffness * self._deep ** (law.exponent - 1)
+        slopes[:, 0, 0] = law.slope(self._deep)
         left = np.maximum(self._gripped[0], _KEPT)
         slips = self._gripped[0] < 1.0
         if slips.any():
@@ -274,7 +274,7 @@ class Capped(Now):
     def energy(self) -> float:
         """What contacts and servos have stored [J]."""
         contacts = self._contacts
-        stored = (self.normal @ self._deep) / (contacts.law.exponent + 1) + 0.5 * contacts.own @ self.y**2
+        stored = contacts.law.energy(self._deep).sum() + 0.5 * contacts.own @ self.y**2
         # As springs up to the limit, then in proportion.
         for spring, gripped, pull in zip(contacts.springs[[0, -1]], self._gripped, self._pull):
             stored += spring * (gripped * (1 - 0.5 * gripped)) @ pull**2

@@ -207,7 +207,7 @@ class OnlineForces:
             # A loop holds, however the impact was: of the limits of Eqs. (13) the depth alone counts, which the
             # material bears.
             low, _ = problem.normal_force_range(problem.impact_time_range[1])
-            high = np.full(problem.k, float(problem.compliance.normal_force(problem.max_depth)))
+            high = np.full(problem.k, problem.deepest_force)
             high = high if problem.max_normal_force is None else np.minimum(high, problem.max_normal_force)
             return np.array([np.minimum(low, high), high])
         try:

@@ -276,6 +276,13 @@ class _Solver:
         across = np.concatenate([J[:, :3], along[:, 1:]], axis=1)
         return _Pressed(depth, normals, deepening, across)
 
+    def _pressing(self, course: Array) -> Array:
+        """Share of the final normal forces (c,) where depths are so far on their ``course`` (c,) to the final ones."""
+        law, final = self.problem.compliance, self.planned.profile.final_depth
+        pressed = law.force(course[:, None] * final).sum(axis=1)
+        share: Array = pressed / law.force(final).sum()
+        return share
+
     def servos(self, on_the_way: Sequence[_Pressed], course: Array) -> tuple[Servos, ...] | None:
         """Of the joints where the contacts are so far on their ``course`` (c,); None where they do not give way."""
         if self.gains is None:
@@ -285,7 +292,7 @@ class _Solver:
         turning = self.planned.torsion if self.planned.torsion.size else np.zeros(len(normal))
         across = np.column_stack([forces_o - normal[:, None] * self.normals, turning])
         found = []
-        for now, share in zip(on_the_way, course**self.problem.compliance.exponent):
+        for now, share in zip(on_the_way, self._pressing(course)):
             torques = now.deepening.T @ normal + np.einsum("kin,ki->n", now.across, across)
             found.append(
                 Servos(deepening=now.deepening, across=now.across, stiffness=self.gains, torques=share * torques)

@@ -165,7 +165,9 @@ def work(plan: PlanRecord) -> str:
 
 
 def work_in_words(joules: float, exponent: float) -> str:
-    """An energy by Eq. (9) [J], and what of it is work that contacts of that exponent do."""
+    """An energy by Eq. (9) [J], and what of it is work that contacts of that exponent do; 0: of a law without one."""
+    if exponent == 0:
+        return f"{number(1e3 * joules)} mJ, the contacts' work"
     contacts = number(1e3 * joules / (1 + exponent))
     return f"{number(1e3 * joules)} mJ by Eq. (9), rho + 1 = {1 + exponent:g} times the contacts' {contacts} mJ"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -111,17 +111,20 @@ class PlanFriction:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContactLaw:
-    """F_n = (lambda d(delta)/dt + K) delta^rho (Eq. 4).
+    """A contact law by its numbers: F_n = (lambda d(delta)/dt + K) delta^rho (Eq. 4), or a table in place of delta^rho.
 
     Attributes:
-        stiffness: K [N/m^rho].
-        damping: lambda [N s/m^(rho+1)].
-        exponent: rho [-].
+        stiffness: K [N/m^rho]; beside a table the factor [-] on its forces.
+        damping: lambda [N s/m^(rho+1)]; beside a table [s/m].
+        exponent: rho [-]; 0 beside a table.
+        table: depths [m], rising from 0, and the forces [N] there (l, 2), to be joined by monotone cubics
+            (Fritsch and Carlson) that go on straight; empty: there is none.
     """
 
     stiffness: float
     damping: float
     exponent: float
+    table: Annotated[Array, "l 2"] = field(default_factory=lambda: np.zeros((0, 2)))
 
     __repr__ = brief()
 

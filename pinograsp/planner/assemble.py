@@ -29,7 +29,6 @@ from pinograsp.hands import HandModel, servo_gains
 from pinograsp.motion.torques import drives_limit
 from pinograsp.objects.body import Body
 from pinograsp.plan import (
-    ContactLaw,
     Layout,
     Motion,
     PlanCertificate,
@@ -65,7 +64,6 @@ def assembled(
 ) -> GraspPlan:
     """The plan of a hand that is to bring these forces about by this motion."""
     problem, contacts, friction = solution.problem, solution.problem.contacts, solution.problem.friction
-    compliance = problem.compliance
     if closure is not None and reserve is not None:
         motion = _in_doubt(hand, solution, motion, reserve.force)
     closed = () if closure is None else closure.notes
@@ -94,7 +92,7 @@ def assembled(
             safety=friction.safety,
             torsion=friction.torsion,
         ),
-        law=ContactLaw(stiffness=compliance.stiffness, damping=compliance.damping, exponent=compliance.exponent),
+        law=problem.compliance.numbers(problem.max_depth),
         load=problem.load,
         gravity_o=problem.gravity_o,
         body_mass=0.0 if problem.object is None else problem.object.mass,

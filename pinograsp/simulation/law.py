@@ -23,9 +23,11 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from pinograsp.spatial import Array, BoolArray, IntArray
 
+_LINES = 2000  # that stand for the curve of a measured law
 _GRAZING = 0.1  # share of the part's largest depth, below which a point counts less
 _POINTED = 16  # power of that share by which a point counts where one contact is planned, or around its place
 _REACH, _LEAST_REACH = 0.125, 1e-4  # of such a place, as share of the distance to the next one; [m]
@@ -156,6 +158,9 @@ class _Places(NamedTuple):
         return found
 
 
+_NO_TABLE = np.zeros((0, 2))
+
+
 class ContactLaw:
     """Normal and tangential forces, the state of the tangential springs, and the energies.
 
@@ -177,20 +182,23 @@ class ContactLaw:
         tangential: float,
         counts: IntArray,
         places: Sequence[Array] = (),
+        table: Array = _NO_TABLE,
     ):
         """The law of p parts.
 
         Args:
             stiffness: K [N/m^rho].
             damping: lambda [N s/m^(rho + 1)].
-            exponent: rho.
+            exponent: rho; 0 with a table.
             mu: friction coefficients (p,).
             torsion: largest moment about a normal per newton [m].
             tangential: stiffness kt of the tangential springs [N/m].
             counts: planned contacts of each part (p,).
             places: of these on the object, in its frame (counts[i], 3) [m]; none: all points of a part count alike.
+            table: depths [m] and forces [N] (l, 2) in place of delta^rho; empty: there is none.
         """
         self.K, self.lam, self.rho = stiffness, damping, exponent
+        self.table = _dense(table) if len(table) else None
         self.mu, self.torsion, self.kt = np.asarray(mu, dtype=float), torsion, tangential
         self.single: BoolArray = np.asarray(counts) == 1
         self.counts: Array = np.maximum(np.asarray(counts, dtype=float), 1.0)
@@ -242,7 +250,7 @@ class ContactLaw:
         share = counts[which] * weights.sum(axis=0)
 
         rate = _dot(touches.velocity_o, n)
-        raised = depth**self.rho
+        raised = depth**self.rho if self.table is None else _joined(self.table, 1, depth)
         normal = share * np.maximum((self.lam * rate + self.K) * raised, 0.0)
 
         # The springs of parts that touch follow the surfaces. A point's share of them is that of its pressure: they
@@ -282,7 +290,10 @@ class ContactLaw:
         springs = 0.5 * float(self.kt * counts @ _dot(left, left) + stiff @ (turned * turned))
         part_forces = _PartForces(normal_of, normal_of - of @ pressed, pulled, around)
         self._account(here, part_forces, _PartSpeeds(weights @ rate, across, spin), springs, dt)
-        self.elastic = float(pressed @ depth) / (self.rho + 1) + springs
+        if self.table is None:
+            self.elastic = float(pressed @ depth) / (self.rho + 1) + springs
+        else:
+            self.elastic = float(share @ _joined(self.table, 2, depth)) * self.K + springs
         moment = (twist[which] * normal / np.maximum(normal_of[which], 1e-300))[:, None] * n
         return Pressing(normal[:, None] * n + tangential, moment, normal)
 
@@ -315,6 +326,24 @@ class ContactLaw:
             springs - self._held
         )
         self._held = springs
+
+
+def _dense(table: Array) -> Array:
+    """Depths [m], forces [N] and stored energies [J] (3, n) of a table, close enough to each other for straight lines.
+
+    Monotone cubics join its points (Fritsch and Carlson); beyond the last one they go on straight.
+    """
+    curve = PchipInterpolator(table[:, 0], table[:, 1])
+    at = np.unique(np.concatenate([np.linspace(0.0, table[-1, 0], _LINES), table[:, 0]]))
+    far = np.array([table[-1, 0], 2 * table[-1, 0]])
+    last = curve(far[0]) + float(curve.derivative()(far[0])) * (far - far[0])
+    depths, forces = np.append(at, far[1]), np.append(curve(at), last[1])
+    steps = np.diff(depths) * (forces[1:] + forces[:-1]) / 2
+    return np.array([depths, forces, np.append(0.0, np.cumsum(steps))])
+
+
+def _joined(table: Array, row: int, depth: Array) -> Array:
+    return np.asarray(np.interp(depth, table[0], table[row]))
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -436,7 +436,7 @@ def _identity(task: Task) -> dict[str, Any]:
         "object_radius": task.body.bounding_radius,
         "impact_time": task.impact_time,
         "final_time": task.final_time,
-        "law": list(task.law),
+        "law": [task.law.stiffness, task.law.damping, task.law.exponent, *task.law.table.ravel().tolist()],
         "torsion": task.torsion,
         "object": type(task.body).__name__,
         "object_mass": task.body.mass,

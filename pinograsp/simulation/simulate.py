@@ -224,12 +224,15 @@ def _check_base_motion(motion: BaseMotion, longest: float, release: bool) -> Non
 
 def _stiffest(task: Task, factor: float) -> float:
     """Of the springs at a contact whose K is ``factor`` times the planned one [N/m]."""
-    K, _, rho = task.law
+    law, rho = task.law, task.law.exponent or 1.0
     tangential = float(TANGENTIAL * factor ** (1 / rho))
     if factor <= 1.0:  # the plan's own contacts take the steps that are asked for
         return tangential
     depth = float(np.max(task.depths, initial=0.0))
-    return max(tangential, float(factor * K * rho * depth ** (rho - 1)))
+    if len(law.table):
+        steps = np.diff(law.table, axis=0)
+        return max(tangential, factor * law.stiffness * float((steps[:, 1] / steps[:, 0]).max()))
+    return max(tangential, float(factor * law.stiffness * rho * depth ** (rho - 1)))
 
 
 def _law(task: Task, parts: int, disturbance: Disturbance) -> ContactLaw:
@@ -241,14 +244,17 @@ def _law(task: Task, parts: int, disturbance: Disturbance) -> ContactLaw:
         each[joint] = task.mu[joints == joint].mean()
     if disturbance.mu is not None:
         each = np.full(parts, disturbance.mu)
-    (K, damping, rho), factor = task.law, disturbance.stiffness
+    law, factor = task.law, disturbance.stiffness
+    rho = law.exponent or 1.0  # of a measured law, as if it were linear
     # At one force F, the normal stiffness rho K^(1/rho) F^(1 - 1/rho) grows with factor^(1/rho), and the damping
     # coefficient lambda F / K is to grow with its root.
-    tangential, damping = TANGENTIAL * factor ** (1 / rho), damping * factor ** (1 + 1 / (2 * rho))
+    tangential, damping = TANGENTIAL * factor ** (1 / rho), law.damping * factor ** (1 + 1 / (2 * rho))
     inverse = np.linalg.inv(task.body.shape_pose)
     points = task.points_o @ inverse[:3, :3].T + inverse[:3, 3]
     places = [points[joints == joint] for joint in range(parts)]
-    return ContactLaw(factor * K, damping, rho, each, task.torsion, tangential, counts, places)
+    return ContactLaw(
+        factor * law.stiffness, damping, law.exponent, each, task.torsion, tangential, counts, places, law.table
+    )
 
 
 def _record(trial: Trial, mode: Mode, servo: Servo, elapsed: float) -> Simulation:
@@ -317,7 +323,7 @@ def _record(trial: Trial, mode: Mode, servo: Servo, elapsed: float) -> Simulatio
         disturbance=disturbance.summary(),
         notes=(*trial.engine.notes, *_SUPPORTED[schedule.support], *([light] if schedule.shortened else [])),
         elapsed=elapsed,
-        exponent=task.law[2],
+        exponent=task.law.exponent,
         com_b=task.body.com_b,
         **{one.name: getattr(history, one.name) for one in fields(History)}
         | {"object_poses": read_only(history.object_poses @ inverse_of(task.body.shape_b))},

@@ -12,7 +12,7 @@ from pinograsp.checks import brief, instance_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
-from pinograsp.plan import PlanFailure, PlanRecord
+from pinograsp.plan import ContactLaw, PlanFailure, PlanRecord
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run
 
@@ -41,7 +41,7 @@ class Task:
         depths: planned penetration at the end (k,) [m].
         mu: friction coefficients (k,).
         torsion: largest moment about a normal per newton [m].
-        law: K [N/m^rho], lambda [N s/m^(rho + 1)], rho.
+        law: the contact law, by its numbers.
         load: on the object about its centre of mass, without the weight (6,) [N, N m].
         gravity_o: (3,) [m/s^2].
         carrier: link that the object is to stay with; "": it is to stay where it is.
@@ -66,7 +66,7 @@ class Task:
     depths: Array
     mu: Array
     torsion: float
-    law: tuple[float, float, float]
+    law: ContactLaw
     load: Array
     gravity_o: Array
     carrier: str = ""
@@ -90,7 +90,7 @@ class Task:
             raise InvalidInput(
                 "simulate: this plan does not know its object's shape: give body=..., a pinograsp.objects shape"
             )
-        contacts, law = record.contacts, record.law
+        contacts = record.contacts
         if not all(contacts.links):
             raise InvalidInput("simulate: expected contacts of a hand; these were created without one (hand=None)")
         load = np.array(record.load)
@@ -116,7 +116,7 @@ class Task:
             depths=forces.final_depths,
             mu=record.friction.mu,
             torsion=record.friction.torsion,
-            law=(law.stiffness, law.damping, law.exponent),
+            law=record.law,
             load=load,
             gravity_o=record.gravity_o,
         )

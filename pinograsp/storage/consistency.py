@@ -93,8 +93,11 @@ def _check_physics(plan: PlanRecord) -> None:
     ):
         _expect(name, "from 0 on", bool(np.all(np.asarray(values) >= 0)))
     law = plan.law
-    wanted = "a stiffness above 0, a damping from 0 on, an exponent above 0 and up to 100"
-    _expect("law", wanted, law.stiffness > 0 and law.damping >= 0 and 0 < law.exponent <= 100)
+    wanted = "a stiffness above 0, a damping from 0 on, an exponent above 0 and up to 100, or 0 beside a table"
+    is_power = law.exponent == 0 if len(law.table) else 0 < law.exponent <= 100
+    _expect("law", wanted, law.stiffness > 0 and law.damping >= 0 and is_power)
+    rises = len(law.table) > 1 and not np.any(law.table[0]) and bool(np.all(np.diff(law.table, axis=0) > 0))
+    _expect("law.table", "depths and forces that rise from 0", not len(law.table) or rises)
     _expect("contacts.rotations_oc", "rotations", bool(are_rotations(plan.contacts.rotations_oc).all()))
     edges = friction.edges
     good = edges is None if friction.model != "pyramid" else edges is not None and 4 <= edges <= 1000 and edges % 2 == 0

@@ -9,12 +9,12 @@ from scipy.optimize import brentq
 
 import pinograsp as pg
 from pinograsp.actuation import CompliantHand, contact_stiffness, force_band, gains_within, stiffness_scenarios
-from pinograsp.contacts import Compliance, Contact, ContactSet
+from pinograsp.contacts import Contact, ContactSet, MarhefkaOrin
 from pinograsp.forces import ForceProblem, ForceSolution, TorqueLimits
 from pinograsp.motion import torque_limits
 from pinograsp.spatial import tangent_frame
 
-LINEAR = Compliance(stiffness=4000.0, exponent=1.0)
+LINEAR = MarhefkaOrin(stiffness=4000.0, exponent=1.0)
 FACTORS = np.array([0.2, 0.5, 1.0, 3.0, 20.0])
 
 
@@ -71,7 +71,7 @@ def test_a_servo_in_series_with_a_linear_contact(gain):
 @pytest.mark.parametrize("rho", [1.0, 1.5, 2.0])
 def test_a_servo_on_one_side_in_series_with_both_contacts(rho):
     """The other finger stands still: the depths of both contacts and the servo's deflection add up to what they were."""
-    law, gain = Compliance(stiffness=5e4, exponent=rho), 1400.0
+    law, gain = MarhefkaOrin(stiffness=5e4, exponent=rho), 1400.0
     J = PRESSING[:, :1]
     band = force_band(jaws(law=law), CompliantHand(jacobian=J, gains=[gain]), FACTORS)
     whole = 2 * (10.0 / law.stiffness) ** (1 / rho) + 10.0 / gain
@@ -231,7 +231,7 @@ def test_where_some_contacts_slip_the_others_hold_what_they_do_not(model):
 def test_contacts_open_rather_than_pull():
     """A wedge of loads: the soft grasp lets one contact go, and says that nothing balances the rest."""
     contacts = jaws().problem.contacts
-    law = Compliance(stiffness=4000.0, exponent=1.5)
+    law = MarhefkaOrin(stiffness=4000.0, exponent=1.5)
     forces = [[0, 0, 12.0], [0, 0, 1.0]]  # the load pushes with 11 N against the left one
     band = force_band(
         solution_of(contacts, forces, compliance=law),
@@ -293,7 +293,7 @@ ONES = CompliantHand(jacobian=PRESSING, gains=np.ones(2))
             "2 contacts, got that of 3",
         ),
         (lambda: force_band(jaws(), ONES, tangential_ratio=-1), "tangential"),
-        (lambda: force_band(jaws(law=Compliance(exponent=0.5)), ONES), "exponent >= 1"),
+        (lambda: force_band(jaws(law=MarhefkaOrin(exponent=0.5)), ONES), "exponent >= 1"),
         (lambda: force_band(jaws(0.0), ONES), "no squeeze"),
         (lambda: gains_within(jaws(), ONES, 0.0), "tolerance"),
         (lambda: gains_within(jaws(), CompliantHand(jacobian=PRESSING, gains=[0, np.inf]), 0.1), "servo gains"),
@@ -319,7 +319,7 @@ def test_a_solution_without_forces_is_refused(make_problem):
 
 
 @pytest.mark.parametrize("factor", [0.3, 1.0, 8.0])
-@pytest.mark.parametrize(("law", "off"), [(LINEAR, 1e-6), (Compliance(), 0.2)])
+@pytest.mark.parametrize(("law", "off"), [(LINEAR, 1e-6), (MarhefkaOrin(), 0.2)])
 def test_scenarios_follow_the_band_to_first_order(paper, factor, law, off):
     """They are the band's forces at the solution, and near it: exactly on linear contacts, which stick here; on others
     but for the tangential stiffness, which stays that of the solution.

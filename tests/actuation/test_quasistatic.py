@@ -7,7 +7,7 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.actuation import CompliantHand, contact_stiffness, quasistatic_maps
-from pinograsp.contacts import Compliance, Contact, ContactSet
+from pinograsp.contacts import Contact, ContactSet, MarhefkaOrin
 from pinograsp.contacts.quality import grasp_stiffness
 from pinograsp.motion import torque_limits
 from pinograsp.spatial import tangent_frame
@@ -125,7 +125,7 @@ def test_maps_solve_the_published_equations(grasp, kind):
         joint_stiffness=joints,
         springs=springs,
     )
-    K = contact_stiffness(Compliance(), normal)
+    K = contact_stiffness(MarhefkaOrin(), normal)
     maps = quasistatic_maps(contacts.G, K, hand)
     assert maps.rank == 6
     for j in range(S.shape[1]):
@@ -151,7 +151,7 @@ def test_stiffness_in_series_is_the_inverse_of_the_sum_of_compliances(grasp):
     n = jacobian.shape[2]
     S, kp, kq = rng.normal(size=(n, 4)), rng.uniform(1, 9, 4), rng.uniform(1, 9, n)
     hand = CompliantHand.at(contacts, jacobian, gains=kp, transmission=S, joint_stiffness=kq)
-    K, J = contact_stiffness(Compliance(), normal), hand.jacobian
+    K, J = contact_stiffness(MarhefkaOrin(), normal), hand.jacobian
     K_s = np.linalg.inv(np.linalg.inv(K) + (J / kq) @ J.T + (J @ S / kp) @ S.T @ J.T)
     maps = quasistatic_maps(contacts.G, K, hand)
     agrees(maps.stiffness, K_s)
@@ -175,7 +175,7 @@ def test_forces_after_a_change_balance_the_load_and_internal_forces_balance_them
         "of all kinds": rng.choice([0.0, 5.0, np.inf], n),
     }[gains]
     hand = CompliantHand.at(contacts, jacobian, gains=kp)
-    maps = quasistatic_maps(contacts.G, contact_stiffness(Compliance(), normal), hand)
+    maps = quasistatic_maps(contacts.G, contact_stiffness(MarhefkaOrin(), normal), hand)
     if maps.rank == 6:
         np.testing.assert_allclose(contacts.G @ maps.force_by_load, -np.eye(6), atol=1e-9)
         assert np.abs(contacts.G @ maps.force_by_reference).max() <= 1e-9 * np.abs(maps.force_by_reference).max(
@@ -189,7 +189,7 @@ def test_forces_after_a_change_balance_the_load_and_internal_forces_balance_them
 
 def test_rigid_drives_and_torque_control_are_the_ends_of_servos(grasp):
     contacts, jacobian, normal = grasp
-    K = contact_stiffness(Compliance(), normal)
+    K = contact_stiffness(MarhefkaOrin(), normal)
     n = jacobian.shape[2]
 
     def maps(kp):
@@ -216,7 +216,7 @@ def test_a_tendon_couples_torques_and_a_transmission_motions():
 
 
 def test_contact_stiffness_is_that_of_the_quality_measures(contacts):
-    law, forces = Compliance(), [9.0, 6.0, 4.0]
+    law, forces = MarhefkaOrin(), [9.0, 6.0, 4.0]
     found = np.diag(contact_stiffness(law, forces, tangential_ratio=0.8)).reshape(3, 3)
     expected = grasp_stiffness(contacts, law, forces, tangential_ratio=0.8)
     np.testing.assert_allclose(found[:, 2], expected.normal_stiffness, rtol=1e-14)
@@ -263,9 +263,9 @@ def test_hands_that_cannot_be_are_refused(change, words):
         (lambda hand: quasistatic_maps(np.eye(6), -np.eye(6), hand), "negative"),
         (lambda hand: quasistatic_maps(np.eye(6), np.eye(6), "hand"), "CompliantHand"),
         (lambda hand: quasistatic_maps(np.eye(6), np.eye(6), hand, moment_length=0), "moment length"),
-        (lambda hand: contact_stiffness(Compliance(), [-1.0]), "normal forces"),
-        (lambda hand: contact_stiffness(Compliance(exponent=0.5), [1.0]), "exponent >= 1"),
-        (lambda hand: contact_stiffness(Compliance(), [1.0], tangential_ratio=-1), "tangential"),
+        (lambda hand: contact_stiffness(MarhefkaOrin(), [-1.0]), "normal forces"),
+        (lambda hand: contact_stiffness(MarhefkaOrin(exponent=0.5), [1.0]), "exponent >= 1"),
+        (lambda hand: contact_stiffness(MarhefkaOrin(), [1.0], tangential_ratio=-1), "tangential"),
         (lambda hand: CompliantHand.at("contacts", np.ones((2, 3, 2)), gains=[1, 1]), "ContactSet"),
     ],
 )

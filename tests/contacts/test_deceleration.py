@@ -12,15 +12,8 @@ from numpy.polynomial import Polynomial
 from scipy.integrate import quad
 from scipy.interpolate import PPoly
 
-from pinograsp.contacts import (
-    Compliance,
-    DecelerationShape,
-    PenetrationProfile,
-    energy_terms,
-    impulse_energy,
-    work_energy,
-)
-from pinograsp.contacts.compliance import CONSTANT
+from pinograsp.contacts import MEASURES, DecelerationShape, MarhefkaOrin, PenetrationProfile
+from pinograsp.contacts.deceleration import CONSTANT
 from pinograsp.errors import InvalidInput
 
 SAMPLES = (0.0, 0.4, 2.0, 1.0, 1.2, 0.0)
@@ -231,31 +224,33 @@ def test_energies_are_equations_9_and_11(case, rho):
     shape = CASES[case][0]
     depth = profile(shape).final_depth[0]
     for damping in (0.0, 3e4):  # the latter weighs about as much as the stiffness
-        law = Compliance(stiffness=2e3, damping=damping, exponent=rho)
+        law = MarhefkaOrin(stiffness=2e3, damping=damping, exponent=rho)
         impulse, work = (by_definition(law, case, of) for of in (lambda r, g: g, lambda r, g: g * r))
-        assert impulse_energy(law, depth, TAU, shape) == pytest.approx(impulse, rel=1e-10, abs=0)
-        assert work_energy(law, depth, TAU, shape) == pytest.approx(work, rel=1e-10, abs=0)
+        assert law.impulse(depth, TAU, shape) == pytest.approx(impulse, rel=1e-10, abs=0)
+        assert law.work(depth, TAU, shape) == pytest.approx(work, rel=1e-10, abs=0)
 
 
 @pytest.mark.parametrize("rho", RHOS)
 @pytest.mark.parametrize("damping", [0.0, 100.0])
 @every_shape
-def test_energy_terms_sum_to_the_energies(case, damping, rho):
-    shape, law = CASES[case][0], Compliance(stiffness=4e4, damping=damping, exponent=rho)
+def test_powers_sum_to_the_energies(case, damping, rho):
+    shape, law = CASES[case][0], MarhefkaOrin(stiffness=4e4, damping=damping, exponent=rho)
     F = np.array([0.01, 1.0, 9.873, 200.0])
-    for measure, energy in (("impulse", impulse_energy), ("work", work_energy)):
-        terms = energy_terms(law, measure, TAU, shape)
+    for measure in MEASURES:
+        energy = getattr(law, measure)
+        terms = law.powers(measure, TAU, shape)
         assert len(terms) == (1 if damping == 0 else 2)
         assert all(c > 0 and e >= 1 for c, e in terms)
-        assert sum(c * F**e for c, e in terms) == pytest.approx(energy(law, law.depth(F), TAU, shape), rel=1e-12, abs=0)
+        assert sum(c * F**e for c, e in terms) == pytest.approx(energy(law.depth(F), TAU, shape), rel=1e-12, abs=0)
 
 
 def test_energies_are_of_constant_deceleration_unless_told():
-    law, F = Compliance(), 5.0
-    for measure, energy in (("impulse", impulse_energy), ("work", work_energy)):
-        assert energy(law, law.depth(F), TAU) == energy(law, law.depth(F), TAU, CONSTANT)
-        assert energy_terms(law, measure, TAU) == energy_terms(law, measure, TAU, CONSTANT)
-    assert energy_terms(law, "impulse", TAU)[-1] == pytest.approx((1.47262 * TAU, 1), abs=1e-6)
+    law, F = MarhefkaOrin(), 5.0
+    for measure in MEASURES:
+        energy = getattr(law, measure)
+        assert energy(law.depth(F), TAU) == energy(law.depth(F), TAU, CONSTANT)
+        assert law.powers(measure, TAU) == law.powers(measure, TAU, CONSTANT)
+    assert law.powers("impulse", TAU)[-1] == pytest.approx((1.47262 * TAU, 1), abs=1e-6)
 
 
 # -- the profile -------------------------------------------------------------------------------------------------------
@@ -288,7 +283,7 @@ def test_profile_starts_at_the_impact_and_ends_at_rest(case):
     for t in (T_F, T_F + 1.0):
         assert np.all(p.rate(t) == 0) and np.array_equal(p.depth(t), p.final_depth)
     assert np.all(p.rate(0.5) == 0) and np.all(p.depth(0.5) == 0)
-    law = Compliance()
+    law = MarhefkaOrin()
     assert np.allclose(law.normal_force(p.depth(T_F), p.rate(T_F)), law.stiffness * p.final_depth**1.5, rtol=1e-14)
 
 
@@ -334,7 +329,7 @@ def test_profile_is_of_constant_deceleration_unless_told():
         (lambda: CONSTANT.impulse_factor(0), "exponent rho: expected a finite number > 0, got 0"),
         (lambda: CASES["rising"][0].work_factor(-0.5), "exponent rho: expected a finite number > 0, got -0.5"),
         (lambda: profile("linear"), "expected a DecelerationShape, got 'linear': build one with"),
-        (lambda: energy_terms(Compliance(), "impuls", TAU), "did you mean 'impulse'"),
+        (lambda: MarhefkaOrin().powers("impuls", TAU), "did you mean 'impulse'"),
     ],
 )
 def test_bad_input_is_refused(make, message):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.integrate import quad
 
-from pinograsp.contacts import Compliance
+from pinograsp.contacts import hertz
 from pinograsp.errors import InvalidInput
 from pinograsp.objects import Cylinder, Ellipsoid
 
@@ -19,7 +19,7 @@ PLANE = (0.0, 0.0)
 
 
 def stiffness(*curvatures, angle=0.0, **materials):
-    return Compliance.hertz(**{**MATERIALS, **materials}, curvatures=curvatures, angle=angle).stiffness
+    return hertz(**{**MATERIALS, **materials}, curvatures=curvatures, angle=angle).stiffness
 
 
 def test_spheres_and_planes_are_the_closed_form():
@@ -42,7 +42,7 @@ def test_cylinders_crossed_at_an_angle_are_an_ellipsoid_on_a_plane():
 
 
 def test_the_law_is_that_of_the_contact():
-    law = Compliance.hertz(**MATERIALS, curvatures=[(100, 100), PLANE], damping=3.0)
+    law = hertz(**MATERIALS, curvatures=[(100, 100), PLANE], damping=3.0)
     assert (law.exponent, law.damping) == (1.5, 3.0)
     assert law.normal_force(1e-3) == pytest.approx(4 / 3 * MODULUS * np.sqrt(0.01) * 1e-3**1.5)
 
@@ -170,4 +170,4 @@ def test_contacts_that_are_not_points_are_refused(curvatures, angle, match):
 )
 def test_bad_input_is_refused(change):
     with pytest.raises(InvalidInput, match="expected"):
-        Compliance.hertz(**{**MATERIALS, "curvatures": [(100, 100), PLANE], **change})
+        hertz(**{**MATERIALS, "curvatures": [(100, 100), PLANE], **change})

@@ -14,7 +14,7 @@ from hypothesis import given, settings as examples, strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from pinograsp.contacts import Compliance, Contact, ContactSet, Friction
+from pinograsp.contacts import Contact, ContactSet, Friction, MarhefkaOrin
 from pinograsp.contacts.inscribed_ball import Polytope, inscribed_ball
 from pinograsp.contacts.quality import (
     ferrari_canny,
@@ -552,7 +552,7 @@ def test_grasp_map_metrics_of_missing_directions_are_zero(name):
 # -- stiffness ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("law", [Compliance(), Compliance(stiffness=2e3, exponent=1.0), Compliance(exponent=2.2)])
+@pytest.mark.parametrize("law", [MarhefkaOrin(), MarhefkaOrin(stiffness=2e3, exponent=1.0), MarhefkaOrin(exponent=2.2)])
 @pytest.mark.parametrize("ratio", [2 / 3, 0.3, 0.0])
 def test_stiffness_is_the_slope_of_the_contact_forces(law, ratio):
     """Springs at each contact: the law along the normal, linear along the tangents, for an object that moved."""
@@ -581,7 +581,7 @@ def test_stiffness_is_the_slope_of_the_contact_forces(law, ratio):
 
 def test_stiffness_of_six_contacts_on_the_axes():
     """Along each axis two normals and four tangents; about each axis four tangents at the radius."""
-    found = grasp_stiffness(round_grasp(AXES), Compliance(exponent=1.0, stiffness=1000.0), 5.0, tangential_ratio=0.5)
+    found = grasp_stiffness(round_grasp(AXES), MarhefkaOrin(exponent=1.0, stiffness=1000.0), 5.0, tangential_ratio=0.5)
     assert np.allclose(found.normal_stiffness, 1000) and np.allclose(found.tangential_stiffness, 500)
     assert np.allclose(found.matrix, np.diag([4000] * 3 + [2000 * 0.05**2] * 3), atol=1e-9)
     assert np.allclose(found.eigenvalues, [2000] * 3 + [4000] * 3)
@@ -590,7 +590,7 @@ def test_stiffness_of_six_contacts_on_the_axes():
 
 
 def test_stiffness_eigenvectors_are_scaled_displacements():
-    found = grasp_stiffness(ellipsoid_grasp(1, 4), Compliance(), [1.0, 2.0, 3.0, 4.0], moment_length=0.02)
+    found = grasp_stiffness(ellipsoid_grasp(1, 4), MarhefkaOrin(), [1.0, 2.0, 3.0, 4.0], moment_length=0.02)
     units = np.diag([1, 1, 1, 50, 50, 50])
     scaled = units @ found.matrix @ units
     assert np.allclose(scaled @ found.eigenvectors, found.eigenvectors * found.eigenvalues, atol=1e-6)
@@ -599,7 +599,7 @@ def test_stiffness_eigenvectors_are_scaled_displacements():
 
 def test_stiffness_follows_the_contact_law():
     contacts = round_grasp(AXES)
-    law = Compliance()
+    law = MarhefkaOrin()
     one, eight = grasp_stiffness(contacts, law, 1.0), grasp_stiffness(contacts, law, 8.0)
     assert np.allclose(eight.matrix, 2 * one.matrix)  # k_n grows with F^(1/3) where rho = 3/2
     assert one.normal_stiffness[0] == pytest.approx(1.5 * 5e4 ** (2 / 3))
@@ -608,12 +608,12 @@ def test_stiffness_follows_the_contact_law():
 
 def test_stiffness_of_a_grasp_that_does_not_hold():
     contacts = round_grasp([[1, 0, 0], [-1, 0, 0]])
-    found = grasp_stiffness(contacts, Compliance(), 2.0)
+    found = grasp_stiffness(contacts, MarhefkaOrin(), 2.0)
     assert found.rank == 5 and found.eigenvalues[0] == 0
     assert np.allclose(np.abs(found.eigenvectors[:, 0]), [0, 0, 0, 1, 0, 0])
     A, C = found.matrix, found.compliance
     assert np.allclose(A @ C @ A, A, atol=1e-9 * np.abs(A).max()) and np.allclose(C @ A @ C, C)
-    slack = grasp_stiffness(contacts, Compliance(), 0.0)
+    slack = grasp_stiffness(contacts, MarhefkaOrin(), 0.0)
     assert slack.rank == 0 and not slack.matrix.any() and not slack.compliance.any()
 
 
@@ -622,7 +622,7 @@ def test_stiffness_turns_with_the_object():
     R = rotation_rpy(0.3, 1.0, -2.0)
     turned = grasp(contacts.points_o @ R.T, [], frames=R @ contacts.rotations_oc)
     turn = np.kron(np.eye(2), R)
-    one, two = (grasp_stiffness(c, Compliance(), 3.0) for c in (contacts, turned))
+    one, two = (grasp_stiffness(c, MarhefkaOrin(), 3.0) for c in (contacts, turned))
     assert np.allclose(two.matrix, turn @ one.matrix @ turn.T, atol=1e-8)
     assert np.allclose(two.eigenvalues, one.eigenvalues)
 
@@ -681,13 +681,13 @@ GRASP = ellipsoid_grasp(0, 4)
         lambda: grasp_volume(GRASP, 0.5, balance="moment"),
         lambda: grasp_map_metrics(GRASP, moment_length=-1),
         lambda: grasp_map_metrics(GRASP, balance="moment"),
-        lambda: grasp_stiffness(GRASP, Compliance(), -1.0),
-        lambda: grasp_stiffness(GRASP, Compliance(), [1.0] * 5),
-        lambda: grasp_stiffness(GRASP, Compliance(), np.inf),
-        lambda: grasp_stiffness(GRASP, Compliance(exponent=0.5), [1.0, 1.0, 0.0, 1.0]),
+        lambda: grasp_stiffness(GRASP, MarhefkaOrin(), -1.0),
+        lambda: grasp_stiffness(GRASP, MarhefkaOrin(), [1.0] * 5),
+        lambda: grasp_stiffness(GRASP, MarhefkaOrin(), np.inf),
+        lambda: grasp_stiffness(GRASP, MarhefkaOrin(exponent=0.5), [1.0, 1.0, 0.0, 1.0]),
         lambda: grasp_stiffness(GRASP, 5e4, 1.0),
-        lambda: grasp_stiffness(GRASP, Compliance(), 1.0, tangential_ratio=-0.1),
-        lambda: grasp_stiffness(GRASP, Compliance(), 1.0, moment_length=0),
+        lambda: grasp_stiffness(GRASP, MarhefkaOrin(), 1.0, tangential_ratio=-0.1),
+        lambda: grasp_stiffness(GRASP, MarhefkaOrin(), 1.0, moment_length=0),
         lambda: manipulability(np.zeros((3, 4))),
         lambda: manipulability(np.zeros((1, 6, 4))),
         lambda: manipulability(np.full((1, 3, 4), np.nan)),
@@ -708,8 +708,8 @@ def test_numbers_out_of_all_proportion_give_numbers_or_are_refused(contacts, siz
         lambda: grasp_volume(contacts, size),
         lambda: ferrari_canny(contacts, size, tolerance=0.1),
         lambda: ferrari_canny(spread, 0.5, tolerance=0.1),
-        lambda: grasp_stiffness(contacts, Compliance(), size),
-        lambda: grasp_stiffness(contacts, Compliance(stiffness=size, exponent=3.0), 1.0),
+        lambda: grasp_stiffness(contacts, MarhefkaOrin(), size),
+        lambda: grasp_stiffness(contacts, MarhefkaOrin(stiffness=size, exponent=3.0), 1.0),
         lambda: min_weight(spread, 0.5),
         lambda: force_closure(contacts, size),
     ]

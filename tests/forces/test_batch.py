@@ -188,7 +188,7 @@ def test_multiplier_qp_is_the_refinement(balance):
 @pytest.mark.parametrize("measure", ["work", "impulse"])
 def test_damping_may_be_missing_in_some_of_the_problems(make_problem, measure):
     problems = [
-        make_problem(balance="wrench", compliance=pg.Compliance(damping=damping))
+        make_problem(balance="wrench", compliance=pg.MarhefkaOrin(damping=damping))
         for damping in (0.0, 100.0, 0.0, 400.0)
     ]
     found = pg.solve_batch(pg.ForceBatch.of(problems, 0.85), objective=measure)

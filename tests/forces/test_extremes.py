@@ -24,7 +24,7 @@ MAKE = {
     "mu": lambda v: problem(mu=v),
     "load": lambda v: problem().with_load([0, 0, -v, 0, 0, 0]),
     "mass": lambda v: pg.ForceProblem.holding(pg.Sphere(radius=0.03, mass=v), CONTACTS, mu=0.8),
-    "stiffness": lambda v: problem(compliance=pg.Compliance(stiffness=v)),
+    "stiffness": lambda v: problem(compliance=pg.MarhefkaOrin(stiffness=v)),
     "moment length": lambda v: problem(moment_length=v),
     "final time": lambda v: problem(final_time=v, impact_time_range=(0.8 * v, 0.9 * v)),
     "torsion": lambda v: problem(friction=pg.Friction(model="soft", torsion=v)),

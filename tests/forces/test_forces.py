@@ -11,7 +11,7 @@ from conftest import PUBLISHED_FORCES
 from hypothesis import given, strategies as st
 from scipy.optimize import lsq_linear
 
-from pinograsp.contacts import Compliance, Friction, contacts_at
+from pinograsp.contacts import Friction, MarhefkaOrin, contacts_at
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
     SOLVERS,
@@ -326,7 +326,7 @@ def test_pruned_search_equals_brute_force(seed):
         mu=rng.uniform(0.3, 1.2),
         balance=("force", "wrench")[seed % 2],
         measure=("impulse", "work")[seed // 2 % 2],
-        compliance=Compliance(exponent=rng.choice([1.0, 1.5, 2.2]), stiffness=rng.choice([5e3, 5e4])),
+        compliance=MarhefkaOrin(exponent=rng.choice([1.0, 1.5, 2.2]), stiffness=rng.choice([5e3, 5e4])),
         max_speed=rng.choice([0.1, 2.0]),
         friction=Friction(),
         max_depth=5e-3,
@@ -361,7 +361,7 @@ def test_brute_force_is_a_plain_loop():
         shape,
         contacts_at(None, shape, [[0.02, 0, 0], [-0.02, 0, 0]]),
         mu=0.9,
-        compliance=Compliance(stiffness=5e3),
+        compliance=MarhefkaOrin(stiffness=5e3),
         friction=Friction(),
         max_depth=5e-3,
     )

@@ -30,7 +30,7 @@ from random_grasps import (
 )
 
 from pinograsp import core
-from pinograsp.contacts import Compliance, ContactSet, DecelerationShape, Friction, contacts_at
+from pinograsp.contacts import ContactSet, DecelerationShape, Friction, MarhefkaOrin, contacts_at
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import SOLVERS, ForceProblem, TorqueLimits, diagnose, optimize_forces, optimize_grasp
 from pinograsp.motion import torque_limits
@@ -852,7 +852,7 @@ def test_extreme_scales_are_solved(make_problem):
     """Loads of a milligram and of a tonne, with stiffnesses to match."""
     reference = optimize_forces(make_problem(balance="wrench", measure="work"), 0.9)
     for c in (1e-6, 1e6):
-        law = Compliance(stiffness=c * 5e4, damping=c * 100)
+        law = MarhefkaOrin(stiffness=c * 5e4, damping=c * 100)
         problem = make_problem(balance="wrench", measure="work", compliance=law)
         found = optimize_forces(replace(problem, load=c * problem.load), 0.9)
         assert found.status is Status.OK
@@ -877,11 +877,11 @@ def test_torque_limits_that_cannot_bind_change_nothing(make_problem, search):
 @pytest.mark.parametrize(
     "settings",
     [
-        {"compliance": Compliance(stiffness=1e300)},
-        {"compliance": Compliance(stiffness=1e30)},
-        {"compliance": Compliance(stiffness=1e-300)},
-        {"compliance": Compliance(exponent=1e-3)},
-        {"compliance": Compliance(damping=1e300)},
+        {"compliance": MarhefkaOrin(stiffness=1e300)},
+        {"compliance": MarhefkaOrin(stiffness=1e30)},
+        {"compliance": MarhefkaOrin(stiffness=1e-300)},
+        {"compliance": MarhefkaOrin(exponent=1e-3)},
+        {"compliance": MarhefkaOrin(damping=1e300)},
         {"load": [0, 0, -1e160, 0, 0, 0]},
         {"load": [0, 0, -1e20, 0, 0, 0]},
         {"load": [0, 0, -1e10, 0, 0, 0]},

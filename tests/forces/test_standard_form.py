@@ -226,7 +226,7 @@ def test_what_no_qp_says_is_refused_with_what_does(pinch):
     with pytest.raises(InvalidInput, match="multipliers z"):
         qp.solution(np.zeros(len(qp.q)), z=[1.0])
     # A contact law of exponent 1 makes the impulse quadratic.
-    linear = replace(pinch, compliance=pg.Compliance(stiffness=4e3, exponent=1.0))
+    linear = replace(pinch, compliance=pg.MarhefkaOrin(stiffness=4e3, exponent=1.0))
     assert np.count_nonzero(to_qp(linear, 0.9, objective="impulse").P) == 2
 
 

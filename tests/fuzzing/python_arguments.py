@@ -111,9 +111,9 @@ def _fill() -> None:
         call(body.placed, f"{name}.placed", pose=eye)
     call(pg.object_from, spec="cylinder:radius=0.02,height=0.12,mass=0.2")
 
-    call(pg.Compliance, stiffness=5e4, damping=100.0, exponent=1.5)
+    call(pg.MarhefkaOrin, stiffness=5e4, damping=100.0, exponent=1.5)
     call(
-        pg.Compliance.hertz,
+        contacts.hertz,
         young=(1e9, 2e9),
         poisson=(0.3, 0.4),
         curvatures=[[10.0, 20.0], [30.0, 40.0]],
@@ -178,9 +178,12 @@ def _fill() -> None:
     call(contacts.clearance, hand=w.hand, body=w.pen, q=w.q)
     call(contacts.open_and_closed, hand=w.hand, body=w.pen)
     call(contacts.touching, hand=w.hand, body=w.pen, contacts=w.contacts, posture=w.q)
-    for energy in (contacts.impulse_energy, contacts.work_energy):
-        call(energy, compliance=w.problem.compliance, final_depth=[1e-3], duration=0.1, shape=shape.constant())
-    call(contacts.energy_terms, compliance=w.problem.compliance, measure="work", duration=0.1, shape=shape.constant())
+    call(contacts.MeasuredCompliance, depths=[1e-3, 2e-3, 4e-3], forces=[1.0, 3.0, 9.0], damping=0.1)
+    table = contacts.MeasuredCompliance(depths=[1e-3, 2e-3, 4e-3], forces=[1.0, 3.0, 9.0])
+    for law in (w.problem.compliance, table):
+        for energy in (law.impulse, law.work):
+            call(energy, final_depth=[1e-3], duration=0.1, shape=shape.constant())
+        call(law.powers, measure="work", duration=0.1, shape=shape.constant(), largest=20.0)
     settings = {"friction": pg.Friction(), "moment_length": 0.03, "balance": "wrench"}
     call(quality.ferrari_canny, contacts=w.contacts, mu=0.7, norm="L1", tolerance=1e-2, limit=1000, **settings)
     call(quality.grasp_volume, contacts=w.contacts, mu=0.7, **settings)
@@ -198,7 +201,7 @@ def _fill() -> None:
     problem = {
         "load": np.array(w.problem.load),
         "mu": np.array([0.7, 0.7, 0.7]),
-        "compliance": pg.Compliance(),
+        "compliance": pg.MarhefkaOrin(),
         "balance": "wrench",
         "measure": "work",
         "final_time": 1.0,
@@ -968,7 +971,7 @@ def _strange(rng) -> object:
         w.grid,
         w.case,
         pg.Friction(),
-        pg.Compliance(),
+        pg.MarhefkaOrin(),
         w.torques,
         w.simulation,
         pg.Status.OK,

@@ -17,6 +17,7 @@ from swinging_shape import SHAPES, engine, one_joint, pose
 import pinograsp as pg
 from pinograsp.errors import InvalidInput
 from pinograsp.objects import Sphere
+from pinograsp.plan import ContactLaw
 from pinograsp.simulation import BaseMotion, Disturbance, Errors, Push, Servo, monte_carlo, simulate, what_holds
 from pinograsp.simulation.causes import causes_of
 from pinograsp.simulation.law import NO_TOUCHES, Pressing
@@ -68,7 +69,8 @@ def slippery(task):
 @pytest.fixture(scope="module")
 def linear(task):
     """With contacts of exponent 1 that bear the same forces at the same depths."""
-    return replace(task, law=(task.normal_forces[0] / task.depths[0], 10.0, 1.0))
+    stiffness = task.normal_forces[0] / task.depths[0]
+    return replace(task, law=ContactLaw(stiffness=stiffness, damping=10.0, exponent=1.0))
 
 
 # -- control -----------------------------------------------------------------------------------------------------------
@@ -77,7 +79,7 @@ def linear(task):
 @pytest.mark.parametrize("factor", [0.2, 1.0, 20.0])
 def test_a_servo_and_a_contact_are_springs_in_series(linear, factor):
     """F' = F (C_c + C_h) / (C_c' + C_h); of the position alone C_c / (C_c' + C_h); of the torque alone 1."""
-    contact, hand = 1 / linear.law[0], 1 / KP
+    contact, hand = 1 / linear.law.stiffness, 1 / KP
     ratios = {
         "impedance": (contact + hand) / (contact / factor + hand),
         "position": contact / (contact / factor + hand),
@@ -181,7 +183,7 @@ def test_dry_friction_of_a_whole_hand_keeps_account_of_energy():
 @pytest.mark.parametrize("control", ["impedance", "torque"])
 def test_dry_friction_takes_its_share_of_a_grip(linear, control):
     """Jaws that come to rest as they close press with f C_h / (C_c + C_h) too little, the edge of the dead band."""
-    contact, hand, friction = 1 / linear.law[0], 1 / KP, 0.3
+    contact, hand, friction = 1 / linear.law.stiffness, 1 / KP, 0.3
     servo = Servo.of(linear.hand, None if control == "torque" else KP, control=control)
     if control == "torque":
         servo = replace(servo, damping=servo.damping / 10)
@@ -197,7 +199,7 @@ def test_an_encoder_that_reads_too_much_presses_less(linear):
     offset = np.array([1e-4, 0.0, -2e-4])
     wrong = Disturbance(joint_offset=offset)
     seen = simulate(linear, servo=Servo.of(linear.hand, KP), disturbance=wrong, **FIXED)
-    expected = linear.normal_forces - offset / (1 / linear.law[0] + 1 / KP)
+    expected = linear.normal_forces - offset / (1 / linear.law.stiffness + 1 / KP)
     assert seen.normal_forces[-1] == pytest.approx(expected, rel=1e-4)
     assert seen.q[0] == pytest.approx(linear.q[0] - offset, abs=1e-12)  # it starts where it thinks that it is
 
@@ -208,7 +210,7 @@ def test_an_encoder_that_reads_too_much_presses_less(linear):
 @pytest.mark.parametrize("rho", [1.0, 1.5])
 def test_harder_contacts_press_and_damp_as_told(task, rho):
     """At the planned depths F grows as K, and what is damped on the way with the factor^(1 + 1 / (2 rho))."""
-    stated, factor = replace(task, law=(task.law[0], 50.0, rho)), 4.0
+    stated, factor = replace(task, law=replace(task.law, damping=50.0, exponent=rho)), 4.0
     runs = [simulate(stated, mode="prescribed", disturbance=Disturbance(stiffness=f), **FIXED) for f in (1.0, factor)]
     assert runs[1].normal_forces[-1] == pytest.approx(factor * runs[0].normal_forces[-1], rel=1e-9)
     damped = [run.energies["damped"][-1] for run in runs]
@@ -219,7 +221,7 @@ def test_hard_contacts_get_steps_that_resolve_them(task):
     for factor, mass_factor in ((1e3, 1.0), (20.0, 0.1)):
         hard = Disturbance(stiffness=factor, mass_factor=mass_factor)
         seen = simulate(task, disturbance=hard, hold=0.05, time_step=1e-3)
-        K, _, rho = task.law
+        K, rho = task.law.stiffness, task.law.exponent
         swings = math.sqrt(3 * factor * K * rho * task.depths[0] ** (rho - 1) / MASS)  # [rad/s]
         assert seen.time_step < 1e-3 and seen.time_step * swings < 0.61
         assert any("hard object swings fast" in note for note in seen.notes)
