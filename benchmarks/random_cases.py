@@ -166,7 +166,9 @@ def too_heavy(case: dict, target: float, placement, body, asked: pg.GraspConditi
     real = replace(body, mass=mass, density=None)
     planned_for = replace(body, mass=0.98 * target * mass, density=None)
     try:
-        plan = pg.plan_grasp_on(closure.hand, replace(closure, object=planned_for), asked, objective="work")
+        plan = pg.plan_grasp_on(
+            closure.hand, replace(closure, object=planned_for), asked, pg.PlanOptions(objective="work")
+        )
     except PinograspError:
         return None
     if plan.status not in (Status.OK, Status.NOT_TRACKED):

@@ -120,7 +120,9 @@ def catalogue(name: str, shape: str) -> dict:
 
     def plan_with(safety: float):
         friction = pg.Friction(model="cone", safety=safety)
-        return pg.plan_grasp_on(closure.hand, closure, replace(conditions, friction=friction), objective="work")
+        return pg.plan_grasp_on(
+            closure.hand, closure, replace(conditions, friction=friction), pg.PlanOptions(objective="work")
+        )
 
     return compared(name, shape, body.mass, plan_with)
 

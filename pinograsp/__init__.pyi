@@ -39,7 +39,6 @@ from .forces import (
     optimize_forces as optimize_forces,
     optimize_grasp as optimize_grasp,
     optimize_robust as optimize_robust,
-    refine_multipliers as refine_multipliers,
     solve_batch as solve_batch,
 )
 from .hands import (
@@ -63,6 +62,7 @@ from .objects import (
 )
 from .planner import (
     GraspPlan as GraspPlan,
+    PlanOptions as PlanOptions,
     load_run as load_run,
     plan_best as plan_best,
     plan_grasp as plan_grasp,

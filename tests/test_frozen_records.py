@@ -64,7 +64,7 @@ CALLS = {
     "solver": lambda w: [pg.ForceSolver(w["problem"], T_I).solve(s * w["problem"].load) for s in (0.5, 1.0, 50.0)],
     "global": lambda w: pg.optimize_grasp(w["problem"], gap=1e-3),
     "grid": lambda w: [pg.grid_search(w["paper"], w["grid"], search=name) for name in forces.SEARCHES],
-    "multipliers": lambda w: pg.refine_multipliers(w["paper"], w["solution"].normal_forces),
+    "multipliers": lambda w: forces.refine_multipliers(w["paper"], w["solution"].normal_forces),
     "many multipliers": lambda w: forces.MultiplierQP(w["paper"], w["solution"].normal_forces).solve(w["paper"].load),
     "diagnosis": lambda w: pg.diagnose(w["problem"].with_load(50 * w["problem"].load), T_I),
     "margins": lambda w: pg.grasp_margins(w["solution"]),

@@ -46,8 +46,8 @@ conditions = pg.GraspConditions(
 found: GraspSearch = pg.find_grasps(hand, mug, conditions, count=24, within=[[0, 0, 0], [1, 1, 1]])
 best: FoundGrasp = found.best
 closure = pg.close_hand(hand, mug, wrap=True)
-plan: pg.GraspPlan = pg.plan_grasp_on(closure.hand, closure, conditions, search="convex", objective={"work": 1.0})
-plan = plan_best(found, conditions, solver="newton")
+plan: pg.GraspPlan = pg.plan_grasp_on(closure.hand, closure, conditions, pg.PlanOptions(search="convex", objective={"work": 1.0}))
+plan = plan_best(found, conditions, pg.PlanOptions(solver="newton"))
 objective: Objective = {"work": 1.0, "least_squares": 1e-4}
 solution: ConvexSolution = pg.optimize_forces(plan.problem, 0.9, objective=objective, backend="clarabel")
 optimum: GlobalSolution = pg.optimize_grasp(plan.problem, objective="impulse")
@@ -87,10 +87,10 @@ WRONG = [
     ("pg.find_grasps(hand, mug, conditions, counts=3)", '"counts" for "find_grasps"'),
     ('pg.find_grasps(hand, mug, conditions, count="many")', '"count" to "find_grasps"'),
     ("pg.close_hand(hand, mug, warp=True)", '"warp" for "close_hand"'),
-    ('pg.plan_grasp(hand, plan.problem, search="hybird")', '"search" to "plan_grasp"'),
-    ('pg.plan_grasp_on(hand, mug, conditions, objective="peek")', '"objective" to "plan_grasp_on"'),
+    ('pg.PlanOptions(search="hybird")', '"search" to "PlanOptions"'),
+    ('pg.PlanOptions(objective="peek")', '"objective" to "PlanOptions"'),
     ("pg.plan_grasp_on(hand, mug, conditions, object=1)", '"object" for "plan_grasp_on"'),
-    ('plan_best(found, conditions, serch="convex")', '"serch" for "plan_best"'),
+    ('pg.PlanOptions(serch="convex")', '"serch" for "PlanOptions"'),
     ('pg.optimize_forces(plan.problem, 0.9, objective="wrok")', '"objective" to "optimize_forces"'),
     ('pg.optimize_forces(plan.problem, 0.9, objective={"wrok": 1.0})', '"str": "float"|Dict entry 0|"wrok"'),
     ('pg.optimize_grasp(plan.problem, backends="auto")', '"backends" for "optimize_grasp"'),

@@ -33,7 +33,7 @@ from pinograsp.hands import HandModel, load_hand
 from pinograsp.hands.load import Masses
 from pinograsp.motion import MotionSpec
 from pinograsp.objects import Cylinder, Sphere
-from pinograsp.planner import GraspPlan, Search, plan_grasp
+from pinograsp.planner import GraspPlan, PlanOptions, Search, plan_grasp
 from pinograsp.spatial import Array, pose_of, rotation_rpy
 
 # What the forces minimise, as case files call it.
@@ -432,17 +432,15 @@ class Case(Section):
     def plan(self, *, progress: bool | None = None) -> GraspPlan:
         """Plan the case: see :func:`~pinograsp.planner.plan_grasp`."""
         hand = self.load_hand()
-        plan = plan_grasp(
-            hand,
-            self.make_problem(hand),
+        options = PlanOptions(
             grid=self.make_grid(),
             search=self.forces.search,
             solver=self.forces.solver,
             objective=self.forces.objective,
-            torque_limit=self.limits.torque_limit,
             motion=self.make_motion(),
-            progress=progress,
         )
+        limit = self.limits.torque_limit
+        plan = plan_grasp(hand, self.make_problem(hand), options, torque_limit=limit, progress=progress)
         return replace(plan, settings=self.settings())
 
 

@@ -26,7 +26,7 @@ from pinograsp.hands.file_reads import Kept
 from pinograsp.hands.load import Masses
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
-from pinograsp.planner import GraspPlan, Search, plan_best, plan_grasp_on
+from pinograsp.planner import GraspPlan, PlanOptions, Search, plan_best, plan_grasp_on
 from pinograsp.spatial import Array, pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
 
@@ -208,29 +208,14 @@ class ObjectCase(Section):
         Without it: the hand closed ``at`` the given place (:func:`~pinograsp.planner.plan_grasp_on`), or a search in
         this process.
         """
-        objective, conditions = self.objective, self._conditions()
+        conditions = self._conditions()
+        options = PlanOptions(search=self.search, solver=self.solver, objective=self.objective)
         if self.at is None:
             found = self._found() if found is None else found
-            plan = plan_best(
-                found,
-                conditions,
-                search=self.search,
-                solver=self.solver,
-                objective=objective,
-                progress=progress,
-                check=self.check,
-            )
+            plan = plan_best(found, conditions, options, progress=progress, check=self.check)
         else:
             closure = self.closure()
-            plan = plan_grasp_on(
-                closure.hand,
-                closure,
-                conditions,
-                search=self.search,
-                solver=self.solver,
-                objective=objective,
-                progress=progress,
-            )
+            plan = plan_grasp_on(closure.hand, closure, conditions, options, progress=progress)
         name = self.object if isinstance(self.object, str) else str(self.object.get("shape", "object"))
         return replace(plan, settings={"name": f"{self.hand}, {name}", **self.settings()})
 

@@ -3,10 +3,12 @@
 from pinograsp.planner.assemble import failure_of
 from pinograsp.planner.best import plan_best
 from pinograsp.planner.grasp_plan import GraspPlan, load_run, save_run
-from pinograsp.planner.planning import Search, plan_grasp, plan_grasp_on
+from pinograsp.planner.options import PlanOptions, Search
+from pinograsp.planner.planning import plan_grasp, plan_grasp_on
 
 __all__ = [
     "GraspPlan",
+    "PlanOptions",
     "Search",
     "failure_of",
     "load_run",

@@ -11,13 +11,14 @@ from pinograsp.contacts import Closure
 from pinograsp.contacts.doubt import doubtful_share
 from pinograsp.contacts.quality import past_edges
 from pinograsp.errors import GraspInfeasible, GraspUndecided, NoGrasp, SearchFailed, SimulationDiverged, Status
-from pinograsp.forces import BackendName, GraspConditions, Objective
+from pinograsp.forces import GraspConditions
 from pinograsp.hands import servo_gains
 from pinograsp.plan.answer import SIMULATED
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
-from pinograsp.planner.planning import GraspTask, Search, task_on
+from pinograsp.planner.options import AS_USUAL, PlanOptions
+from pinograsp.planner.planning import GraspTask
 from pinograsp.simulation import Disturbance, simulate
 from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
@@ -31,10 +32,8 @@ _SHAKEN = 0.5  # of the acceleration that the reserve's force stands for
 def plan_best(
     found: GraspSearch,
     conditions: GraspConditions,
+    options: PlanOptions = AS_USUAL,
     *,
-    search: Search = "convex",
-    solver: BackendName = "auto",
-    objective: Objective | None = None,
     progress: bool | None = None,
     check: bool = False,
 ) -> GraspPlan:
@@ -48,9 +47,7 @@ def plan_best(
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
         conditions: friction, limits, what is to be balanced, and the reserve.
-        search: as for :func:`~pinograsp.planner.plan_grasp_on`.
-        solver: as for :func:`~pinograsp.planner.plan_grasp_on`.
-        objective: as for :func:`~pinograsp.planner.plan_grasp_on`.
+        options: how to search, as for :func:`~pinograsp.planner.plan_grasp_on`.
         progress: bar on stderr: None (on a terminal), True or False.
         check: simulate such plans, too, at rest and then shaken with half of what their reserve bears; some seconds
             each, more for meshes that are not convex. What is lost comes
@@ -73,15 +70,7 @@ def plan_best(
     refused: list[tuple[NoGrasp, GraspTask]] = []
     for grasp in found.grasps or (found.best,):
         closure = grasp.closure
-        task = task_on(
-            closure.hand,
-            closure,
-            conditions,
-            search=search,
-            solver=solver,
-            objective=objective,
-            progress=progress,
-        )
+        task = GraspTask.of_closure(closure, conditions, options, progress=progress)
         try:
             plan = task.attempt()
         except NoGrasp as error:
@@ -103,10 +92,7 @@ def plan_best(
             best = replace(best, notes=(*best.notes, "no plan is ok: another seed, or more samples, may find one"))
             best = _checked(best)[0] if check else best
         return best
-    near = [
-        task_on(one.closure.hand, one.closure, conditions, search=search, solver=solver, objective=objective)
-        for one in found.near
-    ]
+    near = [GraspTask.of_closure(one.closure, conditions, options) for one in found.near]
     raise _refusal(refused, near)
 
 
@@ -129,7 +115,7 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) ->
             continue
     if not isinstance(error, SearchFailed):
         return error
-    told = task.advised(error)
+    told = task.advise(error)
     if len(refused) == 1:
         return told
     proven = sum(isinstance(one, GraspInfeasible) for one, _ in refused)

@@ -159,7 +159,7 @@ def test_a_law_of_ones_own_plans_is_stored_and_is_simulated(law, paper_case, han
         assert found.status is Status.OK and found.certificate.is_optimal()
         assert np.allclose(law.force(found.profile.final_depth), found.normal_forces, rtol=1e-9)
         assert found.impulse == pytest.approx(law.impulse(law.depth(found.normal_forces), 0.1).sum())
-    plan = pg.plan_grasp(hand, problem, search="convex")
+    plan = pg.plan_grasp(hand, problem, pg.PlanOptions(search="convex"))
     assert plan.status in (Status.OK, Status.DOUBTFUL)
     assert np.allclose(law.force(plan.forces.final_depths), plan.forces.normal_history[-1], rtol=1e-9)
     pg.save_run(plan, tmp_path / "run")

@@ -142,9 +142,9 @@ def test_everything_that_takes_a_solver_takes_one_s_own(disc, register):
     assert solver.solve(0.5 * disc.load).backend == "mine"
     cone = replace(disc, friction=pg.Friction(model="cone"))
     assert pg.optimize_forces(cone, T_I, objective="least_squares", backend="mine").backend == "mine"
-    ours = pg.refine_multipliers(disc, cheapest.normal_forces, solver="mine").certificate
+    ours = forces.refine_multipliers(disc, cheapest.normal_forces, solver="mine").certificate
     assert ours.objective == pytest.approx(
-        pg.refine_multipliers(disc, cheapest.normal_forces).certificate.objective, abs=1e-8
+        forces.refine_multipliers(disc, cheapest.normal_forces).certificate.objective, abs=1e-8
     )
 
 

@@ -252,7 +252,7 @@ def _fill() -> None:
         call(getattr(w.grid, method), k=3)
     call(forces.grid_values, start=0.0, stop=1.0, step=0.1)
     call(pg.grid_search, problem=w.paper, grid=w.grid, search="hybrid", method="pruned", solver="daqp", progress=False)
-    call(pg.refine_multipliers, problem=w.paper, normal_forces=[9.8, 6.3, 4.7], solver="daqp")
+    call(forces.refine_multipliers, problem=w.paper, normal_forces=[9.8, 6.3, 4.7], solver="daqp")
     call(forces.MultiplierQP, problem=w.paper, normal_forces=[9.8, 6.3, 4.7])
     call(forces.MultiplierQP(w.paper, [9.8, 6.3, 4.7]).solve, load=problem["load"])
     call(
@@ -436,33 +436,19 @@ def _fill() -> None:
         pg.plan_grasp,
         hand=w.hand,
         problem=w.problem,
-        grid=None,
-        search="convex",
-        solver="auto",
-        objective="work",
+        options=pg.PlanOptions(objective="work", motion=spec),
         torque_limit=None,
-        motion=spec,
         progress=False,
     )
-    call(
-        pg.plan_grasp,
-        "plan_grasp on a grid",
-        hand=w.hand,
-        problem=w.paper,
-        grid=w.grid,
-        search="hybrid",
-        solver="daqp",
-        motion=spec,
-    )
+    options = {"grid": w.grid, "search": "hybrid", "solver": "daqp", "objective": None, "motion": spec}
+    call(pg.PlanOptions, **options)
+    call(pg.plan_grasp, "plan_grasp on a grid", hand=w.hand, problem=w.paper, options=pg.PlanOptions(**options))
     call(
         pg.plan_grasp_on,
         hand=w.hand,
         body=w.closure,
         conditions=w.conditions,
-        search="convex",
-        solver="auto",
-        objective="work",
-        motion=spec,
+        options=pg.PlanOptions(objective="work", motion=spec),
         progress=False,
     )
     call(

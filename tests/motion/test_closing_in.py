@@ -113,7 +113,10 @@ def test_a_start_beyond_the_object_is_an_early_contact(jaws):
     closed = {finger.name: closure.target[finger.dofs] for finger in closure.hand.fingers}
     touching = {finger.name: closure.q[finger.dofs] for finger in closure.hand.fingers}
     plan = pg.plan_grasp_on(
-        closure.hand, closure, pg.GraspConditions(mu=0.6), motion=MotionSpec(start=closed, posture=touching)
+        closure.hand,
+        closure,
+        pg.GraspConditions(mu=0.6),
+        pg.PlanOptions(motion=MotionSpec(start=closed, posture=touching)),
     )
     assert plan.status is Status.EARLY_CONTACT and plan.status.exit_code == 0
     assert "hits the object on the way" in plan.motion.remedy and "mm deep" in plan.motion.remedy

@@ -91,9 +91,11 @@ def test_motor_heat_is_least_for_its_own_objective():
 
 
 def test_convex_options_need_the_convex_search(hand, make_problem):
-    for options in ({"objective": "work"}, {"torque_limit": 1.0}):
+    for objective, limit in (("work", None), (None, 1.0)):
         with pytest.raises(InvalidInput, match="expected none with search='hybrid'"):
-            pg.plan_grasp(hand, make_problem(), search="hybrid", **options)
+            pg.plan_grasp(
+                hand, make_problem(), pg.PlanOptions(search="hybrid", objective=objective), torque_limit=limit
+            )
     with pytest.raises(InvalidInput, match="optimize_grasp"):
         pg.grid_search(make_problem(friction=pg.Friction(model="cone")))
     with pytest.raises(InvalidInput, match="optimize_grasp"):
@@ -102,7 +104,7 @@ def test_convex_options_need_the_convex_search(hand, make_problem):
 
 def test_infeasible_plan_says_why(hand, make_problem):
     with pytest.raises(GraspInfeasible) as caught:
-        pg.plan_grasp(hand, make_problem(balance="wrench", mu=0.2), search="convex")
+        pg.plan_grasp(hand, make_problem(balance="wrench", mu=0.2), pg.PlanOptions(search="convex"))
     text = str(caught.value)
     for words in (
         "proven",
@@ -182,7 +184,7 @@ def test_what_is_not_proven_is_not_called_infeasible(hand, make_problem, monkeyp
     problem = make_problem(balance="wrench", measure="impulse")
     monkeypatch.setattr(global_optimum, "_MOST", 0)
     with pytest.raises(GraspUndecided) as caught:
-        pg.plan_grasp(hand, problem, search="convex")
+        pg.plan_grasp(hand, problem, pg.PlanOptions(search="convex"))
     assert caught.value.solution.status is Status.INACCURATE and status_of(caught.value) is Status.INACCURATE
     text = str(caught.value)
     assert "none is ruled out" in text and "nothing is proven" in text and "infeasible" not in text

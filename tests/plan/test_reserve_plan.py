@@ -119,9 +119,9 @@ def test_what_goes_with_a_reserve(closure):
     given = pg.GraspConditions(mu=0.7, reserve=Reserve(), torque_limit=None)
     for options in ({"search": "hybrid"}, {"solver": "daqp"}):
         with pytest.raises(InvalidInput, match="reserve=None"):
-            pg.plan_grasp_on(closure.hand, closure, given, **options)
+            pg.plan_grasp_on(closure.hand, closure, given, pg.PlanOptions(**options))
     with pytest.raises(InvalidInput, match="least_squares.*reserve=None"):
-        pg.plan_grasp_on(closure.hand, closure, given, objective="least_squares")
+        pg.plan_grasp_on(closure.hand, closure, given, pg.PlanOptions(objective="least_squares"))
 
 
 @pytest.mark.slow

@@ -1,0 +1,273 @@
+"""Forces and a motion that bring each other about: rounds of force search, motion and torque limits."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pinograsp.checks import instance_of, one_of
+from pinograsp.errors import GraspUndecided, InvalidInput, Status
+from pinograsp.forces import (
+    SEARCHES,
+    ConvexSolution,
+    ForceProblem,
+    ForceSolution,
+    Reserve,
+    RobustForces,
+    StiffnessScenario,
+    TorqueLimits,
+    grid_search,
+    optimize_grasp,
+    producible_reserve,
+    qp_solvers,
+    reserve_along,
+    search_reserve,
+)
+from pinograsp.forces.relaxation import Setup
+from pinograsp.hands import HandModel
+from pinograsp.motion import (
+    PressingTogether,
+    normal_at_rest,
+    plan_motion,
+    pressing_together,
+    torque_limits,
+    torques_matter,
+)
+from pinograsp.plan import Motion, PlanReserve
+from pinograsp.planner.assemble import reserve_of
+from pinograsp.planner.compliance import scenarios_of
+from pinograsp.planner.options import PlanOptions
+from pinograsp.planner.refusals import (
+    freed,
+    no_forces,
+    not_made,
+    proof,
+    refuse_failure,
+    refuse_no_squeeze,
+    rejections,
+    underactuated,
+)
+from pinograsp.spatial import Array
+
+# Rounds of force search and motion until the holding torques at the posture found are within their limits.
+_TORQUE_ROUNDS = 6
+_SETTLED = 1e-5  # [-, m] of the Jacobians from one round to the next
+# Rounds that plan the forces that friction leaves, the share of a force from which on it is another one, and what a
+# round has to leave of it at most.
+_COMING_ROUNDS, _COMES, _GAINED = 3, 0.03, 0.7
+_FIRMER, _FIRMEST = 1.2, 1.5  # times the planned forces: looked at, and worth it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ForcesAndMotion:
+    """What the rounds end with.
+
+    Attributes:
+        forces: contact forces at t_F.
+        motion: that brings them about.
+        elapsed: ``{"forces": ..., "motion": ...}`` [s].
+        reserve: what the forces bear besides the load; None: they were searched for the load alone.
+    """
+
+    forces: ForceSolution
+    motion: Motion
+    elapsed: Mapping[str, float]
+    reserve: PlanReserve | None = None
+
+
+@dataclass(slots=True)
+class _Stopwatch:
+    """Seconds by stage."""
+
+    elapsed: dict[str, float] = field(default_factory=lambda: {"forces": 0.0, "motion": 0.0})
+    _since: float = field(default_factory=time.perf_counter)
+
+    def stop(self, stage: str) -> None:
+        """Count the time since the last stop as that of a stage."""
+        now = time.perf_counter()
+        self.elapsed[stage] += now - self._since
+        self._since = now
+
+
+def search_forces_and_motion(
+    hand: HandModel, setup: Setup, options: PlanOptions, progress: bool | None
+) -> ForcesAndMotion:
+    """Contact forces for a set-up, and the motion of the hand that brings them about.
+
+    Raises:
+        InvalidInput: options that do not go with the set-up. SearchFailed: there are no forces, or none were found.
+    """
+    if setup.reserve is not None:
+        if options.search != "convex" or options.solver not in ("auto", "clarabel"):
+            raise InvalidInput(
+                f"reserve: expected none (GraspConditions(reserve=None)) with search='{options.search}' and "
+                f"solver='{options.solver}': a squeeze for several loads is convex, its solver is clarabel"
+            )
+        return _search_squeeze(hand, setup, options, setup.reserve)
+    if options.search == "convex":
+        return _search_optimum(hand, setup, options, progress)
+    if options.objective is not None or setup.limit is not None:
+        raise InvalidInput(
+            f"objective, torque limit: expected none with search='{options.search}', the grids know neither"
+        )
+    return _search_grid(hand, setup.problem, options, progress)
+
+
+def _search_grid(
+    hand: HandModel, problem: ForceProblem, options: PlanOptions, progress: bool | None
+) -> ForcesAndMotion:
+    watch = _Stopwatch()
+    solver = one_of("solver of a grid", "daqp" if options.solver == "auto" else options.solver, qp_solvers())
+    kind = one_of("search", options.search, SEARCHES)
+    forces = grid_search(problem, options.grid, search=kind, solver=solver, progress=progress)
+    refuse_failure(forces, rejections)
+    watch.stop("forces")
+    motion = plan_motion(hand, forces, options.motion)
+    watch.stop("motion")
+    return ForcesAndMotion(forces=forces, motion=motion, elapsed=watch.elapsed)
+
+
+def _search_optimum(hand: HandModel, setup: Setup, options: PlanOptions, progress: bool | None) -> ForcesAndMotion:
+    """The torques depend on the posture at t_F, which depends on the forces: a few rounds settle both."""
+    problem, limit = setup.problem, setup.limit
+    heated = isinstance(options.objective, str | Mapping) and "motor_heat" in options.objective
+    if limit is None and heated and problem.torques is None:
+        limit = np.full(hand.n, np.inf)  # motor heat needs the Jacobians, at the posture that is found
+    if limit is not None and not heated and not torques_matter(hand, limit):
+        limit, problem = None, replace(problem, torques=None)
+    watch = _Stopwatch()
+    # The first round finds a posture without knowing the torques.
+    searched = problem if limit is None else replace(problem, torques=None)
+    objective = options.objective if limit is None else None
+    for _ in range(_TORQUE_ROUNDS):
+        forces = optimize_grasp(searched, objective=objective, backend=options.solver, progress=progress)
+        refuse_failure(forces, proof)
+        watch.stop("forces")
+        motion = plan_motion(hand, forces, options.motion)
+        watch.stop("motion")
+        if limit is None or forces.status is Status.INTERRUPTED:
+            break
+        limits = _limits_at_the_end(hand, forces, motion, limit)
+        if _are_settled(limits, searched.torques):
+            break
+        searched, objective = replace(problem, torques=limits), options.objective
+    return ForcesAndMotion(forces=forces, motion=motion, elapsed=watch.elapsed)
+
+
+def _limits_at_the_end(hand: HandModel, forces: ForceSolution, motion: Motion, limit: Array) -> TorqueLimits:
+    """The torque limits at the posture that a motion ends in."""
+    problem, depth = forces.problem, forces.profile.final_depth
+    return torque_limits(hand, problem.contacts, motion.q[-1], depth=depth, limit=limit, gravity_o=problem.gravity_o)
+
+
+def _are_settled(limits: TorqueLimits, known: TorqueLimits | None) -> bool:
+    """Whether the forces were searched with these limits."""
+    return known is not None and bool(np.abs(limits.jacobian - known.jacobian).max() < _SETTLED)
+
+
+def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve: Reserve) -> ForcesAndMotion:
+    """One squeeze for all loads of the reserve; rounds for the torque limits as in :func:`_search_optimum`."""
+    problem, limit = setup.problem, setup.limit if torques_matter(hand, setup.limit) else None
+    watch, tried, start = _Stopwatch(), 0, None
+    searched, posture = problem, problem.contacts.posture
+    together = None if posture is None else pressing_together(hand, problem.contacts, posture)
+    for _ in range(_TORQUE_ROUNDS):
+        squeeze = search_reserve(searched, reserve, objective=options.objective, start=start)
+        tried += squeeze.tried
+        refuse_no_squeeze(squeeze, searched, reserve, options.objective)
+        least = _least_of_any_hand(squeeze, searched, reserve, options)
+        rows = np.zeros((0, problem.k)) if together is None else together.rows
+        if len(rows) or reserve.stiffness_factors:
+            squeeze = _search_producible(hand, searched, squeeze, reserve, options, posture, together)
+            tried += squeeze.tried
+        forces = squeeze.under(problem.load)
+        watch.stop("forces")
+        motion = plan_motion(hand, forces, options.motion, corrected=not reserve.stiffness_factors)
+        posture = motion.q[-1]
+        watch.stop("motion")
+        if limit is None:
+            break
+        limits = _limits_at_the_end(hand, forces, motion, limit)
+        if _are_settled(limits, searched.torques):
+            break
+        searched, start = replace(problem, torques=limits), squeeze.impact_time
+    for _ in range(_COMING_ROUNDS):
+        coming = _search_as_they_come(hand, searched, options, reserve, squeeze, motion)
+        if coming is None:
+            break
+        squeeze, forces, motion = coming
+        tried += squeeze.tried
+    record = reserve_of(reserve, squeeze, tried, least)
+    return ForcesAndMotion(forces=forces, motion=motion, elapsed=watch.elapsed, reserve=record)
+
+
+def _least_of_any_hand(squeeze: RobustForces, problem: ForceProblem, reserve: Reserve, options: PlanOptions) -> float:
+    """Lower bound of the objective of a hand that could make any forces."""
+    if underactuated(problem):
+        squeeze = search_reserve(freed(problem), reserve, objective=options.objective)
+    return squeeze.certificate.lower_bound if squeeze.certificate is not None else 0.0
+
+
+def _search_producible(
+    hand: HandModel,
+    problem: ForceProblem,
+    squeeze: RobustForces,
+    reserve: Reserve,
+    options: PlanOptions,
+    posture: Array | None,
+    together: PressingTogether | None,
+) -> RobustForces:
+    """A squeeze that the hand's joints can make in a posture (n,), on contacts of all the reserve's stiffnesses."""
+    factors = reserve.stiffness_factors
+    rows = np.zeros((0, problem.k)) if together is None else together.rows
+    scenarios = None
+    if factors:
+        q = instance_of("posture of the contacts", posture, np.ndarray)
+
+        def scenarios(solution: ForceSolution) -> tuple[StiffnessScenario, ...]:
+            return scenarios_of(hand, solution, q, factors)
+
+    producible = producible_reserve(problem, reserve, squeeze, rows, objective=options.objective, scenarios=scenarios)
+    if producible.status is not Status.OK:
+        raise GraspUndecided(not_made(hand, problem, reserve, together), no_forces(producible, problem))
+    return producible
+
+
+def _search_as_they_come(
+    hand: HandModel,
+    problem: ForceProblem,
+    options: PlanOptions,
+    reserve: Reserve,
+    squeeze: RobustForces,
+    motion: Motion,
+) -> tuple[RobustForces, ConvexSolution, Motion] | None:
+    """Another squeeze, of the normal forces that the hand leaves once the object is let go, with its motion; None where
+    they come as planned, or no nearer to the plan.
+
+    Where one motor moves many joints, friction and the object's weight share the forces out, whatever was planned. How
+    they go on from there, a firmer grip shows.
+    """
+    left = _largest_change(squeeze.normal_forces, motion)
+    if left < _COMES or reserve.stiffness_factors:
+        return None
+    forces = squeeze.under(problem.load)
+    firmer = normal_at_rest(hand, replace(forces, forces_c=_FIRMER * forces.forces_c, torsion=_FIRMER * forces.torsion))
+    if firmer is None:
+        return None
+    come = motion.settled_forces
+    other = reserve_along(problem, reserve, squeeze, come, firmer - come, objective=options.objective)
+    if other.status is not Status.OK or other.normal_forces.sum() > _FIRMEST * squeeze.normal_forces.sum():
+        return None
+    forces = other.under(problem.load)
+    other_motion = plan_motion(hand, forces, options.motion)
+    if _largest_change(other.normal_forces, other_motion) > _GAINED * left or other_motion.status is not motion.status:
+        return None
+    return other, forces, other_motion
+
+
+def _largest_change(planned: Array, motion: Motion) -> float:
+    """The largest share by which a normal force comes out other than ``planned`` (k,) [N]."""
+    return float(np.abs(motion.settled_forces / planned - 1.0).max())
