@@ -77,7 +77,7 @@ def one_line(error: BaseException, most: int = 300) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def brief(*names: str) -> Callable[[DataclassInstance], str]:
+def brief(*names: str) -> Callable[..., str]:
     """A ``__repr__`` of a record that fits a terminal: its class and the attributes ``names``, by default its fields.
 
     Arrays and other records within it are shown by shape, name or number.

@@ -15,8 +15,8 @@ from pinograsp.contacts import law_of
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.plan import Simulation
 from pinograsp.simulation import Servo, simulate
+from pinograsp.simulation.options import SimulationSettings
 from pinograsp.simulation.settings import Disturbance
-from pinograsp.simulation.simulate import SimulationSettings
 from pinograsp.simulation.task import Task
 
 if TYPE_CHECKING:

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from pinograsp.planner import GraspPlan
     from pinograsp.simulation import Disturbance, Errors, WhatHolds
     from pinograsp.simulation.monte_carlo import MonteCarlo
+    from pinograsp.simulation.options import StudySettings
     from pinograsp.simulation.task import Task
     from pinograsp.simulation.thresholds import Threshold
-    from pinograsp.simulation.trials import TrialSettings
     from pinograsp.writing import NewFolder
 
 _MOST_TRIALS = 100_000  # of each error
@@ -70,13 +70,13 @@ class TrialOptions:
     ] = "fixed"
     time_step: Annotated[float, _simulation(help="Of the simulation \\[s].")] = defaults.TIME_STEP
 
-    def settings(self, plan: GraspPlan) -> TrialSettings:
+    def settings(self, plan: GraspPlan) -> StudySettings:
         """By the names of :func:`~pinograsp.simulation.simulate`; :class:`InvalidInput` for what is none."""
         from pinograsp.checks import one_of
         from pinograsp.simulation import Servo
         from pinograsp.simulation.settings import CONTROLS, SUPPORTS
 
-        settings: TrialSettings = {
+        settings: StudySettings = {
             "hold": self.hold,
             "time_step": self.time_step,
             "mode": "prescribed" if self.prescribed else "servo",
@@ -237,7 +237,7 @@ class _Work:
     plan: GraspPlan
     task: Task
     disturbance: Disturbance
-    settings: TrialSettings
+    settings: StudySettings
     session: Session
 
 

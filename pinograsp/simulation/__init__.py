@@ -4,7 +4,8 @@ It shares no contact, force, torque or energy code with the planner.
 """
 
 from pinograsp.plan import Simulation, Verdict
-from pinograsp.simulation.monte_carlo import Errors, MonteCarlo, monte_carlo
+from pinograsp.simulation.monte_carlo import MonteCarlo, monte_carlo
+from pinograsp.simulation.random_errors import Errors
 from pinograsp.simulation.settings import BaseMotion, Disturbance, Push, Servo
 from pinograsp.simulation.simulate import simulate
 from pinograsp.simulation.thresholds import LoadThreshold, SlipThreshold, load_threshold, slip_threshold

@@ -30,7 +30,7 @@ class _Event(NamedTuple):
     text: str
 
 
-def causes_of(
+def find_causes(
     task: Task, history: History, servo: Servo | None, disturbance: Disturbance
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The causes of a loss in the order of time, and what to change, in words.

@@ -211,7 +211,7 @@ class ContactLaw:
         self._turned: Array | None = None  # the object's rotation at the last step
         self._before = _PartForces(np.zeros(p), np.zeros(p), np.zeros((p, 3)), np.zeros(p))  # at the last step
 
-    def counted(self, touches: Touches) -> Touches:
+    def drop_shallower(self, touches: Touches) -> Touches:
         """Keep only the deepest geometry of parts with one planned contact: the others would add forces."""
         part = touches.part
         if len(set(touches.geometry.tolist())) == len(set(part.tolist())) or not self.single[part].any():

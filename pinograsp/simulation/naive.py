@@ -18,9 +18,11 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, brief, number, one_of
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord, Simulation
+from pinograsp.simulation.options import SimulationSettings
 from pinograsp.simulation.settings import Disturbance
-from pinograsp.simulation.simulate import SimulationSettings, simulate, task_of
+from pinograsp.simulation.simulate import simulate
 from pinograsp.simulation.task import Task
+from pinograsp.simulation.thresholds import bracket
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -113,7 +115,7 @@ def naive_grasp(
     Raises:
         InvalidInput: a start and a target that do not differ, or unusable settings.
     """
-    task = task_of(plan)
+    task = Task.of(plan)
     for name in settings:
         if name in ("mode", "release", "body"):
             raise InvalidInput(
@@ -121,33 +123,23 @@ def naive_grasp(
             )
         one_of("setting", name, NaiveSettings.__annotations__)
     chosen: NaiveSettings = {"time_step": 5e-4, **settings}
-    tried = 0
+    simulations: dict[float, Simulation] = {}
 
-    def attempt(overclosing: float) -> Simulation:
-        nonlocal tried
-        tried += 1
-        return simulate(naive_task(task, overclosing, start=start, target=target), mode="prescribed", **chosen)
-
-    def holds(one: Simulation) -> bool:
-        return one.verdict.held and one.verdict.drift <= drift
+    def hold(overclosings: list[float]) -> list[bool]:
+        (one,) = overclosings
+        tried = simulate(naive_task(task, one, start=start, target=target), mode="prescribed", **chosen)
+        simulations[one] = tried
+        return [tried.verdict.held and tried.verdict.drift <= drift]
 
     if not np.any(naive_task(task, 0.0, start=start, target=target).dq):
         raise InvalidInput("naive grasp: expected a start and a target that differ")
-    found = attempt(0.0)
-    if holds(found):  # held without any overclosing
-        return NaiveGrasp(overclosing=0.0, simulation=found, lost=0.0, simulations=tried)
-    low, high = 0.0, _FIRST
-    found = attempt(high)
-    while not holds(found) and high < _MOST:
-        low, high = high, min(_STEP * high, _MOST)
-        found = attempt(high)
-    if not holds(found):
-        return NaiveGrasp(overclosing=None, simulation=found, lost=high, simulations=tried)
-    while high - low > tolerance * high:
-        middle = 0.5 * (low + high)
-        other = attempt(middle)
-        if holds(other):
-            high, found = middle, other
-        else:
-            low = middle
-    return NaiveGrasp(overclosing=high, simulation=found, lost=low, simulations=tried)
+    further = np.minimum(_FIRST * _STEP ** np.arange(np.ceil(np.log(_MOST / _FIRST) / np.log(_STEP)) + 1), _MOST)
+    found = bracket(hold, 0.0, [], further.tolist(), tolerance, 1)
+    best = found.lost if found.held is None else found.held
+    assert best is not None
+    return NaiveGrasp(
+        overclosing=found.held,
+        simulation=simulations[best],
+        lost=found.lost or 0.0,
+        simulations=len(simulations),
+    )

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import CubicHermiteSpline
 
-from pinograsp.checks import array_of, each_of
+from pinograsp.checks import array_of
 from pinograsp.errors import SimulationDiverged
 from pinograsp.simulation.law import ContactLaw, Pressing, Touches
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.sample import Energies, Sample, by_part
-from pinograsp.simulation.settings import Disturbance, Support
+from pinograsp.simulation.schedule import Course, Schedule
 from pinograsp.simulation.table import Table
 from pinograsp.simulation.task import Task
 from pinograsp.simulation.verdict import GONE
@@ -21,59 +18,6 @@ from pinograsp.spatial import Array
 
 _SUPPORT = 200.0  # [rad/s] natural frequency of the object on its support
 _FASTEST = 1e3  # [m/s, rad/s] faster than any hand: the simulation has diverged
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Schedule:
-    """Duration and steps of a simulation, and its disturbance.
-
-    Attributes:
-        time_step: [s].
-        shortened: whether it is shorter than asked for.
-        duration: of the simulation [s].
-        every: number of steps between samples.
-        release: whether the object is let go at t_F.
-        support: of the object until the hand carries it.
-        letting_go: how long that takes to fade [s].
-        prescribed: whether joints follow the commands exactly, whatever torque that takes.
-        disturbance: differences from the plan.
-    """
-
-    time_step: float
-    shortened: bool
-    duration: float
-    every: int
-    release: bool
-    support: Support
-    letting_go: float
-    prescribed: bool
-    disturbance: Disturbance
-
-
-class _Course:
-    """The commands of the joints at every step; at their end, t_F as a rule, the last one is held."""
-
-    def __init__(self, task: Task, schedule: Schedule):
-        dt = schedule.time_step
-        self.steps, self.let_go = round(schedule.duration / dt), round(task.final_time / dt)
-        self.free = {"fixed": self.let_go, "table": 0, "none": round(task.impact_time / dt)}[schedule.support]
-        end = float(task.times[-1])
-        instants = dt * np.arange(min(self.steps, round(end / dt) + 2) + 1)
-        spline, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, end)
-        # Servos bring what the encoders read to the plan's positions.
-        self.q = spline(until) - each_of("joint offset", schedule.disturbance.joint_offset, task.hand.n)
-        self.dq = spline(until, 1)
-        self.ddq = np.zeros_like(self.q)
-        self.torques = np.column_stack([np.interp(instants, task.times, column) for column in task.torques.T])
-        held = instants > end - 0.5 * dt
-        self.dq[held], self.torques[held] = 0.0, task.holding_torques
-        if schedule.prescribed:  # the engine integrates a step's velocity to the next position
-            self.dq[1:] = np.diff(self.q, axis=0) / dt
-            self.ddq[:-1], self.ddq[-1] = np.diff(self.dq, axis=0) / dt, 0.0
-
-    def at(self, step: int) -> int:
-        """The row of a step."""
-        return min(step, len(self.q) - 1)
 
 
 class _Fixture:
@@ -113,13 +57,14 @@ class Trial:
 
     def __init__(self, task: Task, engine: MujocoEngine, law: ContactLaw, schedule: Schedule):
         self.task, self.engine, self.law, self.schedule = task, engine, law, schedule
-        self.course, disturbance = _Course(task, schedule), schedule.disturbance
+        self.options, self.course = schedule.options, Course(task, schedule)
+        disturbance = self.options.disturbance
         self.pose = np.array(task.body.shape_pose)
         self.pose[:3, 3] += disturbance.object_offset
         self.pose[:3, :3] = pin.exp3(np.array(disturbance.object_turn)) @ self.pose[:3, :3]
-        self.fixture = _Fixture(task, self.pose, disturbance.mass_factor, schedule.letting_go)
+        self.fixture = _Fixture(task, self.pose, disturbance.mass_factor, self.options.letting_go)
         self.table: Table | None = None
-        if schedule.support == "table":
+        if self.options.support == "table":
             mass, mu = disturbance.mass_factor * task.body.mass, float(task.mu.mean())
             self.table = Table(task.body, self.pose, task.gravity_o, mass, mu, schedule.time_step)
         self.moved = disturbance.accelerates
@@ -130,14 +75,14 @@ class Trial:
     def run(self) -> None:
         """From t = 0 to the end of the hold, or until the object is gone."""
         engine, steps = self.engine, self.course.steps
-        start = self.schedule.disturbance.start_error
+        start = self.options.disturbance.start_error
         error = np.zeros(self.task.hand.n) if start is None else array_of("start error", start, (self.task.hand.n,))
         engine.place(self.course.q[0] + error, self.course.dq[0], self.pose)
         pending: Sample | None = None
         kinetic = start_energy = 0.0
         for i in range(steps + 2):  # the last one completes the sample before it
             self._settle(i)
-            touches = self.law.counted(engine.touches())
+            touches = self.law.drop_shallower(engine.touches())
             # Velocities are half a step behind positions: energies take the mean of two.
             before, kinetic = kinetic, engine.kinetic_energy()
             if i == 0:
@@ -158,19 +103,19 @@ class Trial:
 
     def _is_fixed(self, i: int) -> bool:
         """Whether the object is fixed at a step."""
-        return not self.schedule.release or i < self.course.free
+        return not self.options.release or i < self.course.free
 
     def _settle(self, i: int) -> None:
         """Before a step: place hand and object where they are fixed, and shake the hand."""
         course, engine, prescribed = self.course, self.engine, self.schedule.prescribed
         still = self._is_fixed(i) or i == course.free  # it is let go from rest
-        now = course.at(i)
+        now = course.row(i)
         if still or prescribed:
             q, dq = (course.q[now], course.dq[now]) if prescribed else (engine.q, engine.dq)
             engine.place(q, dq, self.pose if still else None)
-        if self.moved and self.schedule.release and i >= course.let_go:
+        if self.moved and self.options.release and i >= course.complete:
             since = self.schedule.time_step * i - self.task.final_time
-            engine.set_gravity(self.task.gravity_o - self.schedule.disturbance.acceleration(since))
+            engine.set_gravity(self.task.gravity_o - self.options.disturbance.acceleration(since))
 
     def _step(self, i: int, touches: Touches) -> Sample | None:
         """One step; returns a sample of the state before it where one is due, without its kinetic energy."""
@@ -179,14 +124,14 @@ class Trial:
         pose = engine.object_pose
         pressing = law.press(touches, dt, pose)
         speeds, object_speed = engine.dq, engine.object_twist
-        wrench, fixed, now = self._wrench(i, touches, pressing), self._is_fixed(i), course.at(i)
-        due = i % self.schedule.every == 0 or i in (course.steps, course.let_go)
-        if i == course.let_go:
+        wrench, fixed, now = self._wrench(i, touches, pressing), self._is_fixed(i), course.row(i)
+        due = i % self.schedule.every == 0 or i in (course.steps, course.complete)
+        if i == course.complete:
             self.complete = len(self.samples)
         q = engine.q if due else speeds
         if self.schedule.prescribed:
             engine.step_prescribed(course.ddq[now], touches, pressing, wrench)
-            after = course.dq[course.at(i + 1)]
+            after = course.dq[course.row(i + 1)]
         else:
             engine.step(course.q[now], course.dq[now], course.torques[now], touches, pressing, wrench)
             after = engine.dq
@@ -223,17 +168,17 @@ class Trial:
         if self._is_fixed(i):
             return np.zeros(6)
         since = self.schedule.time_step * i - self.task.final_time
-        disturbed = self.schedule.disturbance.wrench(since - self.schedule.letting_go)
+        disturbed = self.options.disturbance.wrench(since - self.options.letting_go)
         return self.task.load + disturbed + self._support(since, touches, pressing)
 
     def _support(self, since: float, touches: Touches, pressing: Pressing) -> Array:
         """On the object (6,) [N, N m], at a time after t_F [s]."""
-        schedule, engine = self.schedule, self.engine
-        if schedule.support == "none" or since >= schedule.letting_go:
+        options, engine = self.options, self.engine
+        if options.support == "none" or since >= options.letting_go:
             return np.zeros(6)
         if self.table is None:
             return self.fixture.wrench(since, engine, touches, pressing)
-        share = 1.0 - max(0.0, since) / max(schedule.letting_go, schedule.time_step)
+        share = 1.0 - max(0.0, since) / max(options.letting_go, self.schedule.time_step)
         return share * self.table.wrench(engine.object_pose, engine.object_twist)
 
     def _account(self, dt: float, speeds: Array, wrench: Array, object_speed: Array, fixed: bool) -> None:

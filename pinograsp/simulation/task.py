@@ -74,13 +74,19 @@ class Task:
     __repr__ = brief("hand", "body", "names", "normal_forces", "mu", "impact_time", "final_time")
 
     @classmethod
-    def of(cls, plan: PlanRecord | str | Path, body: Body | None = None) -> Task:
+    def of(cls, plan: PlanRecord | Task | str | Path, body: Body | None = None) -> Task:
         """The task of a plan, or of the plan in a run's folder; ``body``: the object, where the plan has none.
 
         Raises:
             InvalidInput: not a plan, a search that found none, or a plan without an object.
         """
         instance_of("body", body, Body, type(None))
+        if isinstance(plan, Task):
+            if body is not None:
+                raise InvalidInput(
+                    "body: expected with a plan that has no object, got one with a task, which has its own"
+                )
+            return plan
         record = read_run(plan) if isinstance(plan, str | Path) else plan
         if isinstance(record, PlanFailure):
             raise InvalidInput(f"simulate: expected a plan, got a search that found none ({record.status})")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import joblib
 import numpy as np
@@ -13,14 +13,13 @@ import numpy as np
 from pinograsp.checks import brief, instance_of, number, processes
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
+from pinograsp.simulation.options import SimulationOptions, StudySettings
 from pinograsp.simulation.settings import Disturbance
 from pinograsp.simulation.task import Task
-from pinograsp.simulation.trials import StudySettings, TrialSettings, common_settings, handed_over, run_trial
+from pinograsp.simulation.trials import prepare_trials, run_trial, share_case
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-_Kind = TypeVar("_Kind", bound="Threshold")
 
 _DOUBLINGS = 6  # of the plan's value, at most, in the search for a bracket
 _NOTHING = 1e-6  # share of the plan's value below which a threshold counts as zero
@@ -127,13 +126,14 @@ def slip_threshold(
     Raises:
         InvalidInput: unusable settings.
     """
-    task, common = common_settings(plan, settings)
+    task, options = prepare_trials(plan, settings)
     start = float(np.max(task.mu))
     if start <= 0:
         raise InvalidInput("slip_threshold: expected a plan with friction, its mu is 0")
-    values = _Values(start, harder=[0.0], easier=[start * 2.0**i for i in range(1, _DOUBLINGS + 1)])
-    options = _Options(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=disturbance)
-    return _search(SlipThreshold, task, common, options, values, lambda base, mu: replace(base, mu=mu))
+    base = Disturbance() if disturbance is None else disturbance
+    search = _Search(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=base)
+    found = search.run(task, options, start, [0.0], [start * 2.0**i for i in range(1, _DOUBLINGS + 1)], "mu")
+    return SlipThreshold(lost=found.lost, held=found.held, tried=tuple(found.tried), planned=search.planned)
 
 
 def load_threshold(
@@ -151,58 +151,44 @@ def load_threshold(
     need not be held: the result is the bracket that was found. Arguments and errors: as for :func:`slip_threshold`;
     ``tolerance`` is (lost - held) / lost.
     """
-    task, common = common_settings(plan, settings)
+    task, options = prepare_trials(plan, settings)
     halvings, doublings = ([2.0 ** (sign * i) for i in range(1, _DOUBLINGS + 1)] for sign in (-1, 1))
-    values = _Values(1.0, harder=doublings, easier=halvings)
-    options = _Options(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=disturbance)
-    return _search(LoadThreshold, task, common, options, values, lambda base, mass: replace(base, mass_factor=mass))
-
-
-class _Values(NamedTuple):
-    """Values to try: the first one, then the harder ones where it holds, or the easier ones where it does not."""
-
-    start: float
-    harder: list[float]
-    easier: list[float]
+    base = Disturbance() if disturbance is None else disturbance
+    search = _Search(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=base)
+    found = search.run(task, options, 1.0, doublings, halvings, "mass_factor")
+    return LoadThreshold(lost=found.lost, held=found.held, tried=tuple(found.tried), planned=search.planned)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Options:
+class _Search:
     """The options that both searches share."""
 
     tolerance: float
     planned: float | None
     jobs: int
-    disturbance: Disturbance | None
+    disturbance: Disturbance
 
     def __post_init__(self) -> None:
         number("tolerance", self.tolerance, above=0)
         if self.planned is not None:
-            number("planned", self.planned, at_least=0)
+            object.__setattr__(self, "planned", number("planned", self.planned, at_least=0))
         processes(self.jobs)
-        instance_of("disturbance", self.disturbance, Disturbance, type(None))
+        instance_of("disturbance", self.disturbance, Disturbance)
 
+    def run(
+        self, task: Task, options: SimulationOptions, start: float, harder: list[float], easier: list[float], name: str
+    ) -> Bracket:
+        """The bracket of the value of a disturbance's field ``name``, see :func:`bracket`."""
+        jobs = int(self.jobs)
+        with share_case(task, options, jobs) as case:
+            parallel = joblib.Parallel(n_jobs=jobs)
 
-def _search(
-    kind: type[_Kind],
-    task: Task,
-    settings: TrialSettings,
-    options: _Options,
-    values: _Values,
-    disturbed: Callable[[Disturbance, float], Disturbance],
-) -> _Kind:
-    base = Disturbance() if options.disturbance is None else options.disturbance
-    jobs = int(options.jobs)
-    with handed_over(task, settings, jobs) as case:
-        run = joblib.Parallel(n_jobs=jobs)
+            def hold(values: list[float]) -> list[bool]:
+                changes: list[dict[str, Any]] = [{name: value} for value in values]
+                disturbances = (replace(self.disturbance, **change) for change in changes)
+                return [one.held for one in parallel(joblib.delayed(run_trial)(case, one) for one in disturbances)]
 
-        def hold(tried: list[float]) -> list[bool]:
-            outcomes = run(joblib.delayed(run_trial)(case, disturbed(base, value)) for value in tried)
-            return [one.held for one in outcomes]
-
-        found = bracket(hold, *values, float(options.tolerance), joblib.effective_n_jobs(jobs))
-    planned = None if options.planned is None else float(options.planned)
-    return kind(lost=found.lost, held=found.held, tried=tuple(found.tried), planned=planned)
+            return bracket(hold, start, harder, easier, float(self.tolerance), joblib.effective_n_jobs(jobs))
 
 
 class Bracket(NamedTuple):
@@ -234,7 +220,7 @@ def bracket(
     known: dict[float, bool] = {}
     tried: list[tuple[float, bool]] = []
 
-    def at(values: list[float]) -> bool:
+    def try_first(values: list[float]) -> bool:
         """Whether the first value holds; the others may be needed next."""
         if values[0] not in known:
             known.update(zip(values, hold(values)))
@@ -243,26 +229,26 @@ def bracket(
 
     lost: float | None = None
     held: float | None = None
-    if at([start, *harder[: ahead - 1]]):
+    if try_first([start, *harder[: ahead - 1]]):
         held, way = start, harder
     else:
         lost, way = start, easier
     for i, value in enumerate(way):
-        holds = at([value, *(one for one in way[i + 1 : i + ahead] if one not in known)])
+        holds = try_first([value, *(one for one in way[i + 1 : i + ahead] if one not in known)])
         lost, held = (lost, value) if holds else (value, held)
         if lost is not None and held is not None:
             break
     while (
         lost is not None and held is not None and abs(held - lost) > max(tolerance * max(held, lost), _NOTHING * start)
     ):
-        if at(_next(lost, held, ahead, known)):
+        if try_first(_find_next(lost, held, ahead, known)):
             held = tried[-1][0]
         else:
             lost = tried[-1][0]
     return Bracket(lost, held, tried)
 
 
-def _next(lost: float, held: float, count: int, known: Mapping[float, bool]) -> list[float]:
+def _find_next(lost: float, held: float, count: int, known: Mapping[float, bool]) -> list[float]:
     """Values that a bisection may need next, in order: the middle of the bracket, those of its halves, and so on."""
     brackets: list[tuple[float, float]] = [(lost, held)]
     values: list[float] = []

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pinograsp.plan import Verdict
+from pinograsp.simulation.options import SimulationOptions
 from pinograsp.simulation.sample import History
-from pinograsp.simulation.settings import Support
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, BoolArray
 
@@ -19,31 +21,32 @@ _BEYOND = 1e-3  # [rad or m] past a joint's limit
 AT_LIMIT = 1e-6  # relative distance to a torque limit
 
 
-def verdict_of(
-    task: Task,
-    history: History,
-    depths: Array,
-    settled: Array,
-    release: float | None,
-    *,
-    gone: bool,
-    shaken: float | None,
-    support: Support = "fixed",
-    audited: bool = True,
+class Expected(NamedTuple):
+    """What the plan foresees of the parts of the hand.
+
+    Attributes:
+        depths: penetration (p,) [m].
+        normal_forces: once the object is let go (p,) [N].
+    """
+
+    depths: Array
+    normal_forces: Array
+
+
+def judge(
+    task: Task, history: History, expected: Expected, release: float | None, *, gone: bool, options: SimulationOptions
 ) -> Verdict:
     """The verdict on a task.
 
     Args:
         task: what was simulated.
         history: the samples.
-        depths: planned penetration of the history's parts (p,) [m].
-        settled: their normal forces (p,) [N] once the object is let go, as the plan foresees them.
+        expected: of the history's parts.
         release: when the object was let go [s]; None: never.
         gone: whether the object was so far away that the simulation ended early.
-        support: of the object until it was let go.
-        shaken: period of the hand's shaking [s]; None: not shaken.
-        audited: whether the energy balance can be checked: of a shaken hand it cannot.
+        options: of the simulation.
     """
+    disturbance, support = options.disturbance, options.support
     times, poses, complete, parts = history.times, history.object_poses, history.complete, history.parts
     normal, planned = history.normal_forces, history.planned_forces
     start, end = poses[0 if support == "none" else complete], poses[-1]
@@ -53,7 +56,8 @@ def verdict_of(
     gravity = np.linalg.norm(task.gravity_o)
     up = -task.gravity_o / gravity if gravity > 0 else np.array([0.0, 0.0, 1.0])
     tilt = float(np.degrees(np.arccos(np.clip(up @ turned @ up, -1, 1))))
-    held, reason = _held(times, poses, normal, drift, turn, release, task.way, gone, shaken)
+    shaken = 1.0 / disturbance.shake_frequency if np.any(disturbance.shake) else None
+    held, reason = _decide(history, drift, turn, release, task.way, gone, shaken)
     moved = float(np.linalg.norm(poses[complete, :3, 3] - poses[0, :3, 3]))
     if support == "table" and moved > SLIPPED:
         reason += f"; the hand had moved it by {1e3 * moved:.2f} mm until the grasp was complete"
@@ -64,9 +68,11 @@ def verdict_of(
     should = planned > 0
     # Errors of small forces are relative to a twentieth of the largest force.
     size = np.maximum(planned, 0.05 * planned.max(initial=0.0))[should]
-    errors, foreseen = (np.abs(normal[last].mean(axis=0) - one)[should] / size for one in (planned, settled))
+    errors, foreseen = (
+        np.abs(normal[last].mean(axis=0) - one)[should] / size for one in (planned, expected.normal_forces)
+    )
     labels = [name for name, wanted in zip(parts, should) if wanted]
-    missed = np.abs(history.depths[last].mean(axis=0) - depths)[should]
+    missed = np.abs(history.depths[last].mean(axis=0) - expected.depths)[should]
     slipped = history.slips[-1] - history.slips[complete] > SLIPPED
     hand, q = task.hand, history.q
     low, high = hand.travel
@@ -87,21 +93,15 @@ def verdict_of(
         unplanned=tuple(name for name, wanted, found in zip(parts, should, touched) if found and not wanted),
         limit_hits=tuple(name for name, yes in zip(hand.joint_names, beyond) if yes),
         saturated=tuple(name for name, yes in zip(hand.joint_names, at_limit) if yes),
-        energy_error=_energy_error(history.energies) if audited and shaken is None else None,
+        energy_error=None if disturbance.accelerates else _audit(history.energies),  # its base's work is not known
     )
 
 
-def _held(
-    times: Array,
-    poses: Array,
-    normal: Array,
-    drift: float,
-    turn: float,
-    release: float | None,
-    way: float,
-    gone: bool,
-    shaken: float | None,
+def _decide(
+    history: History, drift: float, turn: float, release: float | None, way: float, gone: bool, shaken: float | None
 ) -> tuple[bool, str]:
+    """Whether the object was held, and why; ``shaken``: period of the hand's shaking [s], None: it was not shaken."""
+    times, poses = history.times, history.object_poses
     if release is None:
         return True, "the object was never let go"
     since = times[-1] - release
@@ -118,12 +118,12 @@ def _held(
     still = float(np.linalg.norm(resting[:, :3, 3] - resting[-1, :3, 3], axis=1).max())
     if not still <= RESTING:
         return False, f"the object still creeps: {1e3 * still:.2f} mm in the last {last:.2f} s"
-    if not normal[-1].any():
+    if not history.normal_forces[-1].any():
         return False, f"nothing touched the object {since:.2f} s after it was let go"
     return True, f"{1e3 * drift:.3f} mm and {turn:.2f} deg after {since:.2f} s"
 
 
-def _energy_error(energies: dict[str, Array]) -> float:
+def _audit(energies: dict[str, Array]) -> float:
     """Largest difference between the energy put in and that stored or lost, relative to the largest of all energies."""
     put_in = energies["joint_work"] + energies["load_work"]
     kept = np.sum([energies[name] for name in ("mechanical", "elastic", "damped", "slipped")], axis=0)

@@ -12,11 +12,12 @@ import numpy as np
 from pinograsp.checks import brief, instance_of, number
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanMargins, PlanRecord
+from pinograsp.simulation.options import SimulationOptions, StudySettings
 from pinograsp.simulation.settings import BaseMotion, Disturbance, Servo
-from pinograsp.simulation.simulate import simulate
+from pinograsp.simulation.simulate import simulate_task
 from pinograsp.simulation.task import Task
 from pinograsp.simulation.thresholds import Threshold, bracket
-from pinograsp.simulation.trials import StudySettings, TrialSettings, common_settings, run_trial
+from pinograsp.simulation.trials import prepare_trials, run_trial
 from pinograsp.storage import read_run
 
 if TYPE_CHECKING:
@@ -114,28 +115,28 @@ def what_holds(
     tolerance = number("tolerance", tolerance, above=0)
     base = Disturbance() if disturbance is None else instance_of("disturbance", disturbance, Disturbance)
     record = cast(PlanRecord, read_run(plan)) if isinstance(plan, str | Path) else plan
-    task, common = common_settings(record, settings)
-    verdict = simulate(task, disturbance=base, **common).verdict
+    task, options = prepare_trials(record, settings)
+    verdict = simulate_task(task, replace(options, disturbance=base)).verdict
     if verdict.held:
         raise InvalidInput("what_holds: expected a plan that is lost, got one that holds with this disturbance")
 
-    def holds(task: Task = task, disturbance: Disturbance = base, **changed: Servo) -> bool:
-        return run_trial((task, cast(TrialSettings, {**common, **changed})), disturbance).held
+    def holds(task: Task = task, disturbance: Disturbance = base, servo: Servo | None = options.servo) -> bool:
+        return run_trial((task, replace(options, servo=servo)), disturbance).held
 
     changes = [
-        *((f"without {name}", holds(disturbance=undone)) for name, undone in _undone(base)),
-        *((what, holds(servo=servo)) for what, servo in _other_drives(task, common)),
+        *((f"without {name}", holds(disturbance=undone)) for name, undone in _undo_each(base)),
+        *((what, holds(servo=servo)) for what, servo in _other_drives(task, options)),
     ]
     if any("torque limit" in cause for cause in verdict.causes):
         without = replace(task, torque_limit=np.full(task.hand.n, np.inf))
         changes.append(("without torque limits", holds(without)))
 
-    def rubbing(factor: float) -> bool:
+    def holds_with_friction(factor: float) -> bool:
         mu = None if base.mu is None else factor * base.mu
         return holds(replace(task, mu=factor * task.mu), replace(base, mu=mu))
 
-    friction = _least(rubbing, _FRICTION if task.mu.any() else [], tolerance)
-    squeeze = _least(lambda factor: holds(*_relieved(task, base, factor)), _SQUEEZE, tolerance)
+    friction = _find_least(holds_with_friction, _FRICTION if task.mu.any() else [], tolerance)
+    squeeze = _find_least(lambda factor: holds(*_relieve(task, base, factor)), _SQUEEZE, tolerance)
     needed = np.abs(task.holding_torques) * (squeeze.held or 1.0) > task.torque_limit
     return WhatHolds(
         changes=tuple(changes),
@@ -147,7 +148,7 @@ def what_holds(
     )
 
 
-def _undone(disturbance: Disturbance) -> Iterator[tuple[str, Disturbance]]:
+def _undo_each(disturbance: Disturbance) -> Iterator[tuple[str, Disturbance]]:
     """Each difference from the plan by name, and the disturbance without it."""
     plain = Disturbance()
     for field in fields(Disturbance):
@@ -158,10 +159,10 @@ def _undone(disturbance: Disturbance) -> Iterator[tuple[str, Disturbance]]:
             yield name, replace(disturbance, **{name: usual})
 
 
-def _other_drives(task: Task, settings: TrialSettings) -> Iterator[tuple[str, Servo]]:
+def _other_drives(task: Task, options: SimulationOptions) -> Iterator[tuple[str, Servo]]:
     """Other drives, in words."""
-    servo = cast(Servo, settings["servo"])
-    if settings["mode"] == "prescribed":
+    servo = options.servo
+    if options.mode == "prescribed" or servo is None:
         return
     if servo.control == "torque":
         yield "the default servos besides the torques, control='impedance'", Servo.of(task.hand)
@@ -175,7 +176,7 @@ def _other_drives(task: Task, settings: TrialSettings) -> Iterator[tuple[str, Se
         yield f"servos {_SOFTER:g} times stiffer, kp", servo.scaled(_SOFTER)
 
 
-def _relieved(task: Task, disturbance: Disturbance, factor: float) -> tuple[Task, Disturbance]:
+def _relieve(task: Task, disturbance: Disturbance, factor: float) -> tuple[Task, Disturbance]:
     """The same grasp of an object on which all loads are that many times smaller, its inertia the same."""
     weight = disturbance.mass_factor * task.body.mass * task.gravity_o
     load = task.load / factor
@@ -188,11 +189,11 @@ def _relieved(task: Task, disturbance: Disturbance, factor: float) -> tuple[Task
     return replace(task, load=load), lighter
 
 
-def _least(holds: Callable[[float], bool], factors: list[float], tolerance: float) -> Threshold:
+def _find_least(holds: Callable[[float], bool], factors: list[float], tolerance: float) -> Threshold:
     """The least factor that holds, where 1 is known to lose."""
 
-    def tried(values: list[float]) -> list[bool]:
+    def hold(values: list[float]) -> list[bool]:
         return [value != 1.0 and holds(value) for value in values]
 
-    found = bracket(tried, 1.0, [], factors, tolerance, 1)
+    found = bracket(hold, 1.0, [], factors, tolerance, 1)
     return Threshold(lost=found.lost, held=found.held, tried=tuple(found.tried))

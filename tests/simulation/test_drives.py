@@ -19,10 +19,10 @@ from pinograsp.errors import InvalidInput
 from pinograsp.objects import Sphere
 from pinograsp.plan import ContactLaw
 from pinograsp.simulation import BaseMotion, Disturbance, Errors, Push, Servo, monte_carlo, simulate, what_holds
-from pinograsp.simulation.causes import causes_of
+from pinograsp.simulation.causes import find_causes
 from pinograsp.simulation.law import NO_TOUCHES, Pressing
-from pinograsp.simulation.monte_carlo import drawn_errors
 from pinograsp.simulation.mujoco_engine import MujocoEngine
+from pinograsp.simulation.random_errors import draw_errors
 from pinograsp.simulation.task import Task
 from pinograsp.storage import read_check
 
@@ -314,7 +314,7 @@ def test_a_motor_at_its_limit_is_a_cause(task):
 def test_a_motor_that_was_at_its_limit_for_a_while_is_a_cause(task, slippery, since, until, told):
     seen, torques = slippery, np.array(slippery.torques)
     torques[(seen.times > since - 1e-6) & (seen.times < until - 1e-3), 1] = -task.torque_limit[1]
-    causes, _ = causes_of(task, replace(seen, torques=torques), Servo.of(task.hand), Disturbance(mu=0.2))
+    causes, _ = find_causes(task, replace(seen, torques=torques), Servo.of(task.hand), Disturbance(mu=0.2))
     motors = [cause for cause in causes if cause.startswith("motor")]
     expected = [] if told is None else [f"motor 'slide1' at its torque limit, 200 N, {told}"]
     assert [one.replace("0.448 s", "0.450 s") for one in motors] == expected
@@ -466,18 +466,18 @@ def test_random_errors_of_old_seeds_stay(task):
     """As they were before there were errors of drives and contacts."""
     drives = {"stiffness": (0.2, 20.0), "joint_offset": 0.01, "joint_friction": 0.1, "servo_gain": 0.2}
     for errors in (Errors(), Errors(**drives)):
-        drawn = drawn_errors(task, errors, 3, "together", 7).values
+        drawn = draw_errors(task, errors, 3, "together", 7).values
         assert drawn["position"] == pytest.approx([-0.0002141587276928946, 0.0023003047648119906, 0.004053651291638904])
         assert drawn["mass"] == pytest.approx(1.1082069071742164)
         assert drawn["friction"] == pytest.approx(1.0556739535822794)
-        assert drawn_errors(task, errors, 3, "mass", 7).values["mass"] == pytest.approx(1.1892693244953618)
+        assert draw_errors(task, errors, 3, "mass", 7).values["mass"] == pytest.approx(1.1892693244953618)
     assert Errors().kinds == ("position", "rotation", "friction", "mass", "posture", "push")
     assert tuple(Errors().summary()) == Errors().kinds
 
 
 def test_random_drives_and_contacts_have_the_sizes_asked_for(task):
     errors = Errors(stiffness=(0.2, 20.0), joint_offset=0.01, joint_friction=0.1, servo_gain=0.2)
-    draws = [drawn_errors(task, errors, 1, "together", i) for i in range(1000)]
+    draws = [draw_errors(task, errors, 1, "together", i) for i in range(1000)]
     values = {kind: np.array([one.values[kind] for one in draws]) for kind in errors.kinds[6:]}
     logs = np.log(values["stiffness"])
     assert math.log(0.2) <= logs.min() and logs.max() <= math.log(20)
@@ -487,7 +487,7 @@ def test_random_drives_and_contacts_have_the_sizes_asked_for(task):
     assert (values["servo_gain"].mean(), values["servo_gain"].std()) == pytest.approx((1, 0.2), rel=0.07)
     _, disturbance, _ = draws[0]
     assert disturbance.summary()["joint_offset"] == values["joint_offset"][0].tolist()
-    alone = [drawn_errors(task, errors, 1, "stiffness", i).values["stiffness"] for i in range(5)]
+    alone = [draw_errors(task, errors, 1, "stiffness", i).values["stiffness"] for i in range(5)]
     assert not np.isin(alone, values["stiffness"]).any()
 
 

@@ -21,7 +21,7 @@ from pinograsp.simulation import Disturbance, Push, Servo, simulate
 from pinograsp.simulation.law import ContactLaw, Touches
 from pinograsp.simulation.naive import naive_grasp, naive_task
 from pinograsp.simulation.task import Task
-from pinograsp.simulation.trials import common_settings, run_trial
+from pinograsp.simulation.trials import prepare_trials, run_trial
 from pinograsp.synthesis import find_grasps
 
 SURFACE = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.1, "motion.touch": "surface"}
@@ -352,7 +352,7 @@ def test_of_a_link_with_one_contact_its_deepest_body_presses():
         np.zeros(n),
     )
     law = ContactLaw(5e4, 0.0, 1.5, [0.5, 0.5], 0.0, 2e4, [1, 2])
-    counted = law.counted(touches)
+    counted = law.drop_shallower(touches)
     assert counted.geometry.tolist() == [7, 9, 10]
     forces = law.press(counted, 1e-4).normal
     assert forces[0] == pytest.approx(5e4 * 1e-3**1.5, rel=1e-12) and np.all(forces > 0)
@@ -434,7 +434,7 @@ def test_an_object_that_flies_off_at_once_is_lost(brisk, settings, tmp_path, mon
     start = simulation.object_poses[simulation.complete]
     assert start[:3, 3] == pytest.approx(brisk.problem.object.pose[:3, 3], abs=1e-12)  # as planned, when it is let go
     assert simulation.verdict.drift > 0.05 and simulation.drift[-1] == pytest.approx(simulation.verdict.drift)
-    outcome = run_trial(common_settings(brisk, {"time_step": 1e-3, **settings}), light)
+    outcome = run_trial(prepare_trials(brisk, {"time_step": 1e-3, **settings}), light)
     assert not outcome.held and outcome.drift > 0.05
     assert not any(tmp_path.iterdir())  # no log of MuJoCo's
 

@@ -29,12 +29,13 @@ from pinograsp.simulation import (
     simulate,
     slip_threshold,
 )
-from pinograsp.simulation.monte_carlo import drawn_errors, wilson
+from pinograsp.simulation.monte_carlo import wilson
 from pinograsp.simulation.naive import NaiveSettings, naive_grasp
+from pinograsp.simulation.options import StudySettings
+from pinograsp.simulation.random_errors import draw_errors
 from pinograsp.simulation.task import Task
 from pinograsp.simulation.thresholds import bracket
 from pinograsp.simulation.trial_log import TrialLog
-from pinograsp.simulation.trials import StudySettings
 
 G, MU, SAFETY = 9.81, 0.6, 1.5
 QUICK = {"hold": 0.6, "time_step": 5e-4}
@@ -165,7 +166,7 @@ def test_wilson_intervals():
 
 def test_draws_have_the_sizes_asked_for(task):
     errors = Errors(position=(1e-3, 2e-3, 0), rotation=0.03, friction=0.1, mass=0.2, posture=0.02, push=0.5)
-    draws = [drawn_errors(task, errors, 3, "together", i) for i in range(1500)]
+    draws = [draw_errors(task, errors, 3, "together", i) for i in range(1500)]
     values = {kind: np.array([drawn[kind] for drawn, _, _ in draws]) for kind in errors.kinds}
     assert values["position"].std(axis=0) == pytest.approx([1e-3, 2e-3, 0], rel=0.06)
     assert values["rotation"].std(axis=0) == pytest.approx([0.03] * 3, rel=0.06)
@@ -180,13 +181,13 @@ def test_draws_have_the_sizes_asked_for(task):
     assert abs(np.corrcoef(values["friction"], values["mass"])[0, 1]) < 0.08
     only = Errors(**OFF | {"mass": 0.2})
     assert only.kinds == ("mass",)
-    drawn, disturbance, _ = drawn_errors(task, only, 3, "together", 7)
+    drawn, disturbance, _ = draw_errors(task, only, 3, "together", 7)
     assert drawn["mass"] == disturbance.mass_factor == values["mass"][7]
-    assert drawn_errors(task, only, 3, "mass", 7)[0] != drawn
-    between = np.array([drawn_errors(task, Errors(friction=(0.3, 0.5)), 0, "friction", i)[1].mu for i in range(300)])
+    assert draw_errors(task, only, 3, "mass", 7)[0] != drawn
+    between = np.array([draw_errors(task, Errors(friction=(0.3, 0.5)), 0, "friction", i)[1].mu for i in range(300)])
     assert between.min() >= 0.3 and between.max() <= 0.5
     assert between.std() == pytest.approx(0.2 / math.sqrt(12), rel=0.1)
-    wide = [drawn_errors(task, Errors(friction=3.0, mass=3.0), 0, "together", i) for i in range(50)]
+    wide = [draw_errors(task, Errors(friction=3.0, mass=3.0), 0, "together", i) for i in range(50)]
     assert min(factor for _, _, factor in wide) == 0.0 and min(one.mass_factor for _, one, _ in wide) == 0.01
 
 

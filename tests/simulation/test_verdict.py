@@ -11,10 +11,11 @@ import pytest
 import pinograsp as pg
 from pinograsp.objects import Box
 from pinograsp.planner import plan_best
-from pinograsp.simulation import simulate
+from pinograsp.simulation import Disturbance, simulate
+from pinograsp.simulation.options import SimulationOptions
 from pinograsp.simulation.sample import History
 from pinograsp.simulation.task import Task
-from pinograsp.simulation.verdict import verdict_of
+from pinograsp.simulation.verdict import Expected, judge
 
 SURFACE = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.1, "motion.touch": "surface"}
 
@@ -25,7 +26,7 @@ def judged():
     plan = pg.load_case("paper", SURFACE).plan()
     task, seen = Task.of(plan), simulate(plan, hold=1.0, time_step=1e-3)
     history = History(**{one.name: getattr(seen, one.name) for one in fields(History)})
-    depths = np.zeros(len(seen.parts))
+    expected = Expected(np.zeros(len(seen.parts)), task.settled_forces)
 
     def verdict(course, shaken):
         poses = np.array(seen.object_poses)
@@ -33,7 +34,9 @@ def judged():
         poses[:] = poses[seen.complete]
         poses[:, 0, 3] += course(since)
         moved = replace(history, object_poses=poses)
-        return verdict_of(task, moved, depths, task.settled_forces, plan.forces.final_time, gone=False, shaken=shaken)
+        swing = Disturbance() if shaken is None else Disturbance(shake=[1.0, 0, 0], shake_frequency=1 / shaken)
+        options = SimulationOptions(disturbance=swing)
+        return judge(task, moved, expected, plan.forces.final_time, gone=False, options=options)
 
     return verdict
 

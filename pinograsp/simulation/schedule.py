@@ -1,0 +1,130 @@
+"""Duration and steps of a simulation, and what the joints are commanded at every step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from pinograsp.checks import each_of
+from pinograsp.errors import InvalidInput
+from pinograsp.simulation.options import COARSEST, SimulationOptions
+from pinograsp.simulation.settings import Servo
+from pinograsp.simulation.task import Task
+from pinograsp.spatial import Array
+
+TANGENTIAL = 2e4  # [N/m] of a contact's tangential spring
+_RESOLVED = 0.6  # [rad] at most, of the object's swings on its contacts, in one step
+_SHORTER = 20  # times at most, for that; it is enough for grams in steps of a millisecond
+_FEWEST_STEPS = 10  # until the grasp is complete
+_MOST_STEPS = 2_000_000  # their samples take half a gigabyte
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Schedule:
+    """Duration and steps of a simulation.
+
+    Attributes:
+        options: how the task is simulated.
+        servo: control of the joints, without the error of its gains.
+        time_step: that of the options, or a shorter one [s].
+        duration: of the simulation [s].
+        every: number of steps between samples.
+    """
+
+    options: SimulationOptions
+    servo: Servo
+    time_step: float
+    duration: float
+    every: int
+
+    @property
+    def shortened(self) -> bool:
+        """Whether the time step is shorter than that of the options."""
+        return self.time_step < self.options.time_step
+
+    @property
+    def prescribed(self) -> bool:
+        """Whether joints follow the commands exactly, whatever torque that takes."""
+        return self.options.mode == "prescribed"
+
+
+def plan_schedule(task: Task, options: SimulationOptions) -> Schedule:
+    """The steps of a task; :class:`InvalidInput` where its times do not fit the options."""
+    disturbance, dt = options.disturbance, options.time_step
+    longest = min(COARSEST, task.final_time / _FEWEST_STEPS)
+    if dt > longest:
+        raise InvalidInput(f"time step: expected at most {longest:g} s, got {dt:g} s")
+    after = options.hold + (options.letting_go if options.release else 0.0)
+    duration = float(task.times[-1]) + after
+    if options.release:
+        stiffest = _find_stiffest(task, disturbance.stiffness)
+        swinging = float(np.sqrt(len(task.names) * stiffest / task.body.mass))  # [rad/s]
+        dt = min(dt, max(dt / _SHORTER, _RESOLVED / swinging))
+    if not duration / dt <= _MOST_STEPS:
+        raise InvalidInput(
+            f"hold, time step: expected at most {_MOST_STEPS} steps, got {duration / dt:.3g} "
+            f"({duration:g} s in steps of {dt:g} s): hold for less, or take longer steps"
+        )
+    motion = disturbance.base_motion
+    if motion is not None and motion.times[-1] > task.way + after + 1e-9:
+        raise InvalidInput(
+            f"hold: expected the base's motion to end within {task.way + after:g} s of t_F (letting go and hold), got "
+            f"{motion.times[-1]:g} s: hold for longer"
+        )
+    for push in disturbance.pushes:
+        end = push.start + push.duration
+        if end > task.way + options.hold + 0.5 * dt:
+            raise InvalidInput(f"hold: expected at least {end:g} s, the end of a push, got {options.hold:g} s")
+    every = max(1, round(min(options.sample / dt, _MOST_STEPS)))
+    servo = Servo.of(task.hand) if options.servo is None else options.servo
+    return Schedule(options=options, servo=servo, time_step=dt, duration=duration, every=every)
+
+
+def _find_stiffest(task: Task, factor: float) -> float:
+    """Of the springs at a contact whose K is ``factor`` times the planned one [N/m]."""
+    law, rho = task.law, task.law.exponent or 1.0
+    tangential = float(TANGENTIAL * factor ** (1 / rho))
+    if factor <= 1.0:  # the plan's own contacts take the steps that are asked for
+        return tangential
+    depth = float(np.max(task.depths, initial=0.0))
+    if len(law.table):
+        steps = np.diff(law.table, axis=0)
+        return max(tangential, factor * law.stiffness * float((steps[:, 1] / steps[:, 0]).max()))
+    return max(tangential, float(factor * law.stiffness * rho * depth ** (rho - 1)))
+
+
+class Course:
+    """The commands of the joints at every step; at their end, t_F as a rule, the last one is held.
+
+    Attributes:
+        steps: of the simulation.
+        complete: the step at which the grasp is complete, t_F.
+        free: the first step at which the object can move.
+        q, dq, ddq, torques: of the joints at each step, up to the last one that differs (m, n).
+    """
+
+    def __init__(self, task: Task, schedule: Schedule):
+        dt, options = schedule.time_step, schedule.options
+        self.steps, self.complete = round(schedule.duration / dt), round(task.final_time / dt)
+        self.free = {"fixed": self.complete, "table": 0, "none": round(task.impact_time / dt)}[options.support]
+        end = float(task.times[-1])
+        instants = dt * np.arange(min(self.steps, round(end / dt) + 2) + 1)
+        spline, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, end)
+        # Servos bring what the encoders read to the plan's positions.
+        self.q: Array = spline(until) - each_of("joint offset", options.disturbance.joint_offset, task.hand.n)
+        self.dq: Array = spline(until, 1)
+        self.ddq: Array = np.zeros_like(self.q)
+        torques = np.column_stack([np.interp(instants, task.times, column) for column in task.torques.T])
+        resting = instants > end - 0.5 * dt
+        self.dq[resting], torques[resting] = 0.0, task.holding_torques
+        share = {"torque": options.disturbance.servo_gain, "position": 0.0, "impedance": 1.0}[schedule.servo.control]
+        self.torques: Array = share * torques
+        if schedule.prescribed:  # the engine integrates a step's velocity to the next position
+            self.dq[1:] = np.diff(self.q, axis=0) / dt
+            self.ddq[:-1], self.ddq[-1] = np.diff(self.dq, axis=0) / dt, 0.0
+
+    def row(self, step: int) -> int:
+        """The row of a step."""
+        return min(step, len(self.q) - 1)
