@@ -602,6 +602,7 @@ def test_check_writes_a_verdict_with_figures(command, brisk, tmp_path):
         "files.txt",
         "forces.png",
         "object.png",
+        "record.json",
     }
     kept = json.loads((folder / "check" / "check.json").read_text())
     assert kept["held"] and kept["drift_mm"] < 0.5
