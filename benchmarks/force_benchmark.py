@@ -264,19 +264,19 @@ NO = Answer(False)
 
 
 class Ours:
-    """This package with one of its backends; what another backend answered is no answer."""
+    """This package with one of its solvers; what another solver answered is no answer."""
 
-    def __init__(self, backend: str):
-        self.backend = backend
+    def __init__(self, solver: str):
+        self.solver = solver
 
     def ready(self, task: Task):
-        return pg.ForceSolver(task.problem, T_I, objective=task.objective, backend=self.backend)
+        return pg.ForceSolver(task.problem, T_I, objective=task.objective, solver=self.solver)
 
     def solve(self, solver):
         return solver.solve()
 
     def answer(self, task: Task, found) -> Answer:
-        if found.status is not Status.OK or self.backend not in ("auto", found.backend):
+        if found.status is not Status.OK or self.solver not in ("auto", found.solver):
             return NO
         scales = np.array([c.scale for c in scaled(task).columns])[: task.problem.k * task.problem.friction.d]
         own = np.column_stack([found.forces_c[:, :2], found.torsion, found.forces_c[:, 2]])
@@ -415,7 +415,7 @@ def scaled(task: Task):
 
 def solvers_for(kind: str, own: list[tuple[str, str]]) -> dict[tuple[str, str], object]:
     """(Name, settings) -> solver, of problems of a kind."""
-    found: dict[tuple[str, str], object] = {(name, ""): Ours(backend) for name, backend in OURS.items()}
+    found: dict[tuple[str, str], object] = {(name, ""): Ours(solver) for name, solver in OURS.items()}
     found |= {(name, ""): Registered(name, takes) for name, takes in own if takes == "socp" or kind == "qp"}
     there = qpsolvers.available_solvers
     if kind == "qp":
@@ -495,7 +495,7 @@ class Judged:
 
 def judged(task: Task, solvers: dict) -> Judged | None:
     """All solvers on a task; None where this package neither solves it nor proves that it has no forces."""
-    reference = pg.optimize_forces(task.problem, T_I, objective=task.objective, backend="clarabel")
+    reference = pg.optimize_forces(task.problem, T_I, objective=task.objective, solver="clarabel")
     if reference.status not in (Status.OK, Status.INFEASIBLE):
         return None
     program, results = scaled(task), {key: measured(solver, task) for key, solver in solvers.items()}

@@ -75,7 +75,7 @@ TORSION = 4e-3  # of the soft finger [m]
 TOLERANCE = 1e-6  # of a correct answer
 COMPILED = ("interior", "newton")
 PACKAGES = ("numpy", "scipy", "daqp", "clarabel", "qpsolvers", "quadprog", "piqp", "proxsuite", "osqp", "cvxpy")
-SOLVERS = ("auto", *COMPILED, "daqp", "clarabel", "quadprog", "piqp", "proxqp", "osqp")
+QP_SOLVERS = ("auto", *COMPILED, "daqp", "clarabel", "quadprog", "piqp", "proxqp", "osqp")
 OTHERS = ("cvxpy", "slsqp", "slsqp_gradients", "slsqp_tight", "clarabel_native", "daqp_native")
 OBJECTIVES = ("work", "least_squares")
 # Name, friction model, torque limits.
@@ -229,7 +229,7 @@ def torque_limits(rng, base: pg.ForceProblem, loads) -> pg.TorqueLimits | None:
         jacobian[i, 3:, 3 * i : 3 * i + 3] = np.array([unit(rng) for _ in range(3)]).T
     torque = np.zeros(3 * k)
     for load in loads:
-        even = pg.optimize_forces(replace(base, load=load), IMPACT_TIME, objective="peak", backend="clarabel")
+        even = pg.optimize_forces(replace(base, load=load), IMPACT_TIME, objective="peak", solver="clarabel")
         if not even.found:
             return None
         world = np.einsum("kij,kj->ki", base.contacts.rotations_oc, even.forces_c)
@@ -260,13 +260,13 @@ class OnArrays:
 class Ours:
     """The package's public solver."""
 
-    def __init__(self, objective: str, backend: str):
-        self.objective, self.backend = objective, backend
+    def __init__(self, objective: str, solver: str):
+        self.objective, self.solver = objective, solver
 
     def fresh(self, case: Case, load: np.ndarray) -> tuple[pg.ForceSolver, np.ndarray]:
         # The ContactSet is new as well: its grasp map is computed with it.
         problem = replace(case.base, load=load, contacts=replace(case.base.contacts), moment_length=None)
-        return pg.ForceSolver(problem, IMPACT_TIME, objective=self.objective, backend=self.backend), load
+        return pg.ForceSolver(problem, IMPACT_TIME, objective=self.objective, solver=self.solver), load
 
     def again(self, known: tuple[pg.ForceSolver, np.ndarray], load: np.ndarray) -> tuple[pg.ForceSolver, np.ndarray]:
         return known[0], load
@@ -551,7 +551,7 @@ def certified(case: Case, load: np.ndarray, objective: str) -> float | None:
     """The optimum, between a proven bound and admissible forces that differ by less than a tenth of the tolerance."""
     proofs = []
     for solver in ("clarabel", "auto"):
-        found = pg.optimize_forces(case.base.with_load(load), IMPACT_TIME, objective=objective, backend=solver)
+        found = pg.optimize_forces(case.base.with_load(load), IMPACT_TIME, objective=objective, solver=solver)
         if found.status is pg.Status.OK:
             proofs.append(found.certificate)
     if not proofs:
@@ -563,7 +563,7 @@ def certified(case: Case, load: np.ndarray, objective: str) -> float | None:
 def methods_of(case: Case, friction: pg.Friction, objective: str) -> dict:
     """Every method, ready for problems of the case's size."""
     powers = case.base.energy_terms(IMPACT_TIME, "work")
-    methods = {solver: Ours(objective, solver) for solver in SOLVERS}
+    methods = {solver: Ours(objective, solver) for solver in QP_SOLVERS}
     methods["cvxpy"] = Parametrised(arrays_of(case), friction.model, objective, powers)
     methods["slsqp"] = Slsqp(friction.model, objective, powers, gradients=False)
     methods["slsqp_gradients"] = Slsqp(friction.model, objective, powers)
@@ -603,10 +603,10 @@ class Group:
         self.rng = np.random.default_rng(SEED)
         self.methods = methods_of(cases[0], friction, objective)
         self.known = {name: [m.fresh(c, c.loads[0]) for c in cases] for name, m in self.methods.items()}
-        for name in SOLVERS:
+        for name in QP_SOLVERS:
             method = self.methods[name]
             first = [timed(method, method.again, known, known[1])[1] for known in self.known[name]]
-            own = sum(isinstance(found, pg.ForceSolution) and found.backend == name for found in first)
+            own = sum(isinstance(found, pg.ForceSolution) and found.solver == name for found in first)
             if name in COMPILED and own <= len(cases) / 2:
                 del self.methods[name]
         self.calls = {name: {mode: {} for mode in MODES} for name in self.methods}
@@ -678,7 +678,7 @@ class Group:
                     model, optimum = self.friction.model, self.optima[i, j]
                     wrong[-1] = errors(arrays[i], load, model, self.objective, powers, optimum, x)
                 if isinstance(method, Ours):
-                    answered["raised" if found is None else found.backend or "none"] += 1
+                    answered["raised" if found is None else found.solver or "none"] += 1
         return np.array(told), np.array(wrong), answered
 
     def rows(self, k: int, friction: str) -> list[dict]:

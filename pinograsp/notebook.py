@@ -235,7 +235,7 @@ def _(solution: ForceSolution) -> _Page:
             facts += _proof(solution.certificate, problem.contacts)
         if solution.infeasibility is not None:
             facts.append(("proof", solution.infeasibility.least_left()))
-    facts.append(("computed", f"{solution.search} search, {solution.backend or 'no solver'}, {solution.elapsed:.3g} s"))
+    facts.append(("computed", f"{solution.search} search, {solution.solver or 'no solver'}, {solution.elapsed:.3g} s"))
     return _Page(
         title="contact forces",
         badge=(str(solution.status), _level(solution.status)),

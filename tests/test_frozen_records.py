@@ -60,7 +60,7 @@ def world(hand, contacts, cylinder):
 
 CALLS = {
     "one shot": lambda w: [pg.optimize_forces(w["problem"], T_I, objective=name) for name in forces.OBJECTIVES[:4]],
-    "by every backend": lambda w: [pg.optimize_forces(w["problem"], T_I, backend=name) for name in forces.BACKENDS],
+    "by every solver": lambda w: [pg.optimize_forces(w["problem"], T_I, solver=name) for name in forces.SOLVERS],
     "solver": lambda w: [pg.ForceSolver(w["problem"], T_I).solve(s * w["problem"].load) for s in (0.5, 1.0, 50.0)],
     "global": lambda w: pg.optimize_grasp(w["problem"], gap=1e-3),
     "grid": lambda w: [pg.grid_search(w["paper"], w["grid"], search=name) for name in forces.SEARCHES],
@@ -126,13 +126,13 @@ points = [[0.03, 0, 0], [-0.015, 0.026, 0.01], [-0.015, -0.026, -0.01]]
 made = lambda: pg.ForceProblem.holding(disc, pg.contacts_at(None, disc, points), mu=0.8)
 def asked():
     found = pg.optimize_forces(made(), 0.9)
-    return [*pg.ForceSolver(made(), 0.9).backends, found.backend, found.forces_c.tolist()]
+    return [*pg.ForceSolver(made(), 0.9).solvers, found.solver, found.forces_c.tolist()]
 first = asked()
 problem = made()
-for name in forces.BACKENDS:
-    pg.optimize_forces(problem, 0.9, backend=name)
+for name in forces.SOLVERS:
+    pg.optimize_forces(problem, 0.9, solver=name)
 found = pg.optimize_forces(problem, 0.9)
-assert found.forces_c.tolist() == first[-1] and found.backend == first[-2], (found, first)
+assert found.forces_c.tolist() == first[-1] and found.solver == first[-2], (found, first)
 assert asked() == first
 print(first[0])
 """

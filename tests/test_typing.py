@@ -49,7 +49,7 @@ closure = pg.close_hand(hand, mug, wrap=True)
 plan: pg.GraspPlan = pg.plan_grasp_on(closure.hand, closure, conditions, pg.PlanOptions(search="convex", objective={"work": 1.0}))
 plan = plan_best(found, conditions, pg.PlanOptions(solver="newton"))
 objective: Objective = {"work": 1.0, "least_squares": 1e-4}
-solution: ConvexSolution = pg.optimize_forces(plan.problem, 0.9, objective=objective, backend="clarabel")
+solution: ConvexSolution = pg.optimize_forces(plan.problem, 0.9, objective=objective, solver="clarabel")
 optimum: GlobalSolution = pg.optimize_grasp(plan.problem, objective="impulse")
 common: RobustForces = pg.optimize_robust(plan.problem, pg.LoadSet.around(plan.problem.load), 0.9, reaction="elastic")
 forces: NDArray[np.float64] = solution.normal_forces
@@ -93,7 +93,7 @@ WRONG = [
     ('pg.PlanOptions(serch="convex")', '"serch" for "PlanOptions"'),
     ('pg.optimize_forces(plan.problem, 0.9, objective="wrok")', '"objective" to "optimize_forces"'),
     ('pg.optimize_forces(plan.problem, 0.9, objective={"wrok": 1.0})', '"str": "float"|Dict entry 0|"wrok"'),
-    ('pg.optimize_grasp(plan.problem, backends="auto")', '"backends" for "optimize_grasp"'),
+    ('pg.optimize_grasp(plan.problem, solvers="auto")', '"solvers" for "optimize_grasp"'),
     ('pg.optimize_robust(plan.problem, loads, 0.9, reaction="elastc")', '"reaction" to "optimize_robust"'),
     ('pg.solve_batch(batch, objective="last_squares")', '"objective" to "solve_batch"'),
     ('pg.grid_search(plan.problem, method="brutal")', '"method" to "grid_search"'),

@@ -28,7 +28,7 @@ from pinograsp.contacts import (
 )
 from pinograsp.contacts.friction import default_friction
 from pinograsp.errors import CaseRejected
-from pinograsp.forces import ForceProblem, GridSpec, ObjectiveName, available_backends, grid_values
+from pinograsp.forces import ForceProblem, GridSpec, ObjectiveName, available_solvers, grid_values
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.hands.load import Masses
 from pinograsp.motion import MotionSpec
@@ -61,8 +61,8 @@ def _reasonable(value: float) -> float:
 
 
 def _there(name: str) -> str:
-    if name not in available_backends():
-        raise ValueError(f"expected one of {', '.join(available_backends())}")
+    if name not in available_solvers():
+        raise ValueError(f"expected one of {', '.join(available_solvers())}")
     return name
 
 

@@ -7,7 +7,7 @@ from typing import Literal, TypedDict
 
 from pinograsp.contacts import FrictionModel, Measure
 from pinograsp.contacts.quality import Balance
-from pinograsp.forces import BackendName, ObjectiveName
+from pinograsp.forces import ObjectiveName, SolverName
 from pinograsp.hands.load import Masses
 from pinograsp.planner import Search
 
@@ -69,7 +69,7 @@ CaseChanges = TypedDict(
         "forces.balance": Balance,
         "forces.measure": Measure,
         "forces.objective": ObjectiveName | Mapping[ObjectiveName, float] | None,
-        "forces.solver": BackendName,
+        "forces.solver": SolverName,
         "forces.moment_length_mm": float | None,
         "grid": Mapping[str, object],
         "grid.impact_times": Values,

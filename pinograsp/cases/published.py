@@ -13,7 +13,7 @@ from pinograsp.contacts.quality import Balance
 from pinograsp.forces import (
     ForceProblem,
     GridSpec,
-    SolverName,
+    QPSolverName,
     grid_search,
     optimize_grasp,
     qp_solvers,
@@ -128,7 +128,7 @@ def _forces(plan: GraspPlan) -> list[ComparisonRow]:
     ]
 
 
-def _at_published_forces(problem: ForceProblem, solver: SolverName) -> list[ComparisonRow]:
+def _at_published_forces(problem: ForceProblem, solver: QPSolverName) -> list[ComparisonRow]:
     """Energies of the published normal forces, and the residual that they leave, for several mu."""
     published = np.array(list(NORMAL_FORCES_N.values()))
     work = float(problem.energy(published, IMPACT_TIME_S, "work").sum())
@@ -152,7 +152,7 @@ def _at_published_forces(problem: ForceProblem, solver: SolverName) -> list[Comp
     return rows
 
 
-def _optima(problem: ForceProblem, grid: GridSpec, solver: SolverName) -> list[ComparisonRow]:
+def _optima(problem: ForceProblem, grid: GridSpec, solver: QPSolverName) -> list[ComparisonRow]:
     """The hybrid search's optima for each balance and measure, the paper's own search, the certified optima, and the
     latest feasible impact.
     """
@@ -203,7 +203,7 @@ def _optima(problem: ForceProblem, grid: GridSpec, solver: SolverName) -> list[C
     return rows
 
 
-def _certified(problem: ForceProblem, grid: GridSpec, solver: SolverName) -> list[ComparisonRow]:
+def _certified(problem: ForceProblem, grid: GridSpec, solver: QPSolverName) -> list[ComparisonRow]:
     """The certified global optimum, and its saving against the hybrid search's grid."""
     best = optimize_grasp(problem)
     certificate = best.certificate
@@ -226,7 +226,7 @@ def _certified(problem: ForceProblem, grid: GridSpec, solver: SolverName) -> lis
     ]
 
 
-def _latest_impact(problem: ForceProblem, grid: GridSpec, solver: SolverName) -> list[ComparisonRow]:
+def _latest_impact(problem: ForceProblem, grid: GridSpec, solver: QPSolverName) -> list[ComparisonRow]:
     """The latest t_I on a 1 ms grid at which the hybrid search finds a grasp, and its impulse."""
     low, high = problem.impact_time_range
     for t_I in np.round(np.arange(high, low - 5e-4, -1e-3), 3):

@@ -1,6 +1,5 @@
 """Contact forces: the problem, grid searches, the multiplier QP, certified convex optima, margins, robust sets."""
 
-from pinograsp.forces.backends import BACKENDS, BackendName, available_backends, register_solver
 from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
 from pinograsp.forces.better_contacts import BetterContacts, optimize_contacts
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, Tolerance
@@ -47,7 +46,8 @@ from pinograsp.forces.solution import (
     GridSolution,
 )
 from pinograsp.forces.solver import ForceSolver
-from pinograsp.forces.solvers import SOLVERS, SolverName, qp_solvers
+from pinograsp.forces.solver_order import SOLVERS, SolverName, available_solvers, register_solver
+from pinograsp.forces.solvers import QP_SOLVERS, QPSolverName, qp_solvers
 from pinograsp.forces.standard_form import (
     Column,
     Cones,
@@ -60,12 +60,11 @@ from pinograsp.forces.standard_form import (
 from pinograsp.forces.torque_limits import TorqueLimits, Underactuation
 
 __all__ = [
-    "BACKENDS",
     "OBJECTIVES",
+    "QP_SOLVERS",
     "SEARCHES",
     "SOLVERS",
     "TOLERANCE",
-    "BackendName",
     "BatchSolution",
     "BetterContacts",
     "Branch",
@@ -97,6 +96,7 @@ __all__ = [
     "MultiplierSolution",
     "Objective",
     "ObjectiveName",
+    "QPSolverName",
     "QuadraticProgram",
     "Reaction",
     "Reliability",
@@ -110,7 +110,7 @@ __all__ = [
     "TorqueLimit",
     "TorqueLimits",
     "Underactuation",
-    "available_backends",
+    "available_solvers",
     "diagnose",
     "disturbance_margin",
     "force_closure",

@@ -33,11 +33,11 @@ from pinograsp.contacts.contact_set import bare_contacts
 from pinograsp.contacts.friction import CONE
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.backends import Backends
 from pinograsp.forces.certificate import TOLERANCE, Tolerance, is_optimal
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective, Program, assemble, weights_of
+from pinograsp.forces.solver_order import SolverOrder
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _AT_ONCE = 2048  # problems per compiled call: an interruption waits for the end of one, some milliseconds
@@ -415,7 +415,7 @@ def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple
 def _solve_by_general_methods(batch: ForceBatch, i: int, weights: Mapping[str, float], results: _Results) -> Status:
     """The status of problem ``i``, whose entries of the results are filled."""
     (problem, program), own = program_of(batch, i, weights), batch.counts[i]
-    found = Backends(program.matrices, "auto").solve(problem, program)
+    found = SolverOrder(program.matrices, "auto").solve(problem, program)
     if found.status is Status.OK and found.forces is not None:
         certificate = found.forces.certificate
         results.forces[i, :own], results.moments[i, :own] = found.forces.forces_c, found.forces.torsion

@@ -9,12 +9,12 @@ import numpy as np
 from pinograsp.checks import brief, instance_of, number
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.backends import BackendName
 from pinograsp.forces.optimize import optimize_forces
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective
 from pinograsp.forces.sensitivity import Sensitivity, force_sensitivity
 from pinograsp.forces.solution import ConvexSolution
+from pinograsp.forces.solver_order import SolverName
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, tangent_frame
 
@@ -49,7 +49,7 @@ def optimize_contacts(
     objective: Objective | None = None,
     reach: float = 0.01,
     tolerance: float = 1e-6,
-    backend: BackendName = "auto",
+    solver: SolverName = "auto",
 ) -> BetterContacts:
     """Contact points moved on the surface, each by at most ``reach``, to a local minimum of the certified cost.
 
@@ -63,7 +63,7 @@ def optimize_contacts(
         objective: as for :func:`optimize_forces`.
         reach: largest distance of a contact from its start [m].
         tolerance: the search ends where a step lowers the cost by less, relative to it [-].
-        backend: as for :func:`optimize_forces`.
+        solver: as for :func:`optimize_forces`.
 
     Raises:
         InvalidInput: contacts that do not hold the load at the start, or a problem that :func:`force_sensitivity` does
@@ -74,7 +74,7 @@ def optimize_contacts(
     reach = number("reach", reach, above=0, unit="m")
     tolerance = number("tolerance", tolerance, at_least=0)
     known = replace(problem, moment_length=problem.moment_length)
-    solution = optimize_forces(known, impact_time, objective=objective, backend=backend)
+    solution = optimize_forces(known, impact_time, objective=objective, solver=solver)
     if _cost(solution) == np.inf:
         raise InvalidInput(f"optimize_contacts: expected contacts that hold the load at first, got '{solution.status}'")
     start = np.array(problem.contacts.points_o)
@@ -88,7 +88,7 @@ def optimize_contacts(
         better = None
         for _ in range(_SHRINKS):
             tried = _moved(known, object, points - length / steepest * gradient, start, reach)
-            found = optimize_forces(tried, impact_time, objective=objective, backend=backend)
+            found = optimize_forces(tried, impact_time, objective=objective, solver=solver)
             if _cost(found) < costs[-1]:
                 better = tried, found
                 length *= 1.5

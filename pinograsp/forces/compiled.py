@@ -56,13 +56,13 @@ class CompiledForces(NamedTuple):
     """Certified forces of one compiled call.
 
     Attributes:
-        backend: ``"newton"`` or ``"interior"``.
+        solver: ``"newton"`` or ``"interior"``.
         certificate: of the forces.
         forces_c: contact forces (k, 3) [N].
         torsion: moments about the contact normals (k,) [N m].
     """
 
-    backend: str
+    solver: str
     certificate: Certificate
     forces_c: Array
     torsion: Array

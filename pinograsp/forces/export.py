@@ -11,12 +11,12 @@ from pinograsp.checks import instance_of, read_only
 from pinograsp.errors import Status
 from pinograsp.forces.active_set import DenseMethod
 from pinograsp.forces.answers import Answer, certify
-from pinograsp.forces.backends import Outcome
 from pinograsp.forces.conic import ConicMethod, exponents_of
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective, Program, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ConvexSolution, solution_of
+from pinograsp.forces.solver_order import Outcome
 from pinograsp.forces.standard_form import NORMAL, Column, ForceQP, ForceSOCP, ScaledForces
 from pinograsp.spatial import Array
 
@@ -108,7 +108,7 @@ def _judged(
         answer = Answer(x, y, w)
     found = certify(problem, program, answer, settle=settle)
     status = Status.OK if found.certificate.is_optimal() else Status.INACCURATE
-    outcome = Outcome(status=status, backend="", forces=found)
+    outcome = Outcome(status=status, solver="", forces=found)
     return solution_of(
         problem, outcome, impact_time=impact_time, weights=dict(program.matrices.weights), started=started
     )

@@ -18,12 +18,12 @@ from tqdm import tqdm
 from pinograsp.checks import instance_of, number
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.answers import CertifiedForces
-from pinograsp.forces.backends import BackendName, Backends, Outcome, checked_backend
 from pinograsp.forces.certificate import Infeasibility
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective, Program, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import Branch, GlobalSolution, solution_of
+from pinograsp.forces.solver_order import Outcome, SolverName, SolverOrder, check_solver
 
 _NARROWEST = 1e-10  # [s]: on narrower intervals of t_I the bounds differ by less than the certificates' accuracy
 # Largest number of intervals that are split, and of relaxations that no solver decides: at the limit of feasibility
@@ -35,7 +35,7 @@ def optimize_grasp(
     problem: ForceProblem,
     *,
     objective: Objective | None = None,
-    backend: BackendName = "auto",
+    solver: SolverName = "auto",
     gap: float = 1e-6,
     progress: bool | None = None,
 ) -> GlobalSolution:
@@ -43,7 +43,7 @@ def optimize_grasp(
 
     Args:
         problem: contacts, load, friction, limits; any deceleration shape.
-        objective, backend: as for :func:`~pinograsp.forces.optimize.optimize_forces`.
+        objective, solver: as for :func:`~pinograsp.forces.optimize.optimize_forces`.
         gap: relative gap at which the search ends [-].
         progress: progress bar on stderr: None (long searches on a terminal), True or False.
 
@@ -55,12 +55,12 @@ def optimize_grasp(
         reached.
 
     Raises:
-        InvalidInput: unknown objective or backend, or a gap below 1e-9.
+        InvalidInput: unknown objective or solver, or a gap below 1e-9.
     """
     started = time.perf_counter()
     instance_of("problem", problem, ForceProblem)
     instance_of("progress", progress, bool, type(None))
-    search = _Search(problem, weights_of(objective, problem), checked_backend(backend))
+    search = _Search(problem, weights_of(objective, problem), check_solver(solver))
     gap = number("gap", gap, above=0)
     if gap < 1e-9:
         raise InvalidInput(f"gap: expected at least 1e-9 (the certificates' own accuracy), got {gap:g}")
@@ -81,13 +81,13 @@ def optimize_grasp(
 
 
 class _Search:
-    def __init__(self, problem: ForceProblem, weights: dict[str, float], backend: str):
-        self.problem, self.weights, self.backend = problem, weights, backend
+    def __init__(self, problem: ForceProblem, weights: dict[str, float], solver: str):
+        self.problem, self.weights, self.solver = problem, weights, solver
         self.matrices = matrices_of(problem, weights)
-        self.backends = Backends(self.matrices, backend)
-        self.first = self.backends.order[0]  # the method to try first: with "auto" the one that answered last
+        self.solvers = SolverOrder(self.matrices, solver)
+        self.first = self.solvers.order[0]  # the method to try first: with "auto" the one that answered last
         self.best: CertifiedForces | None = None
-        self.best_value, self.best_time, self.best_backend = float("inf"), self.problem.impact_time_range[0], ""
+        self.best_value, self.best_time, self.best_solver = float("inf"), self.problem.impact_time_range[0], ""
         self.open: list[tuple[float, int, float, float]] = []
         self.closed_bound = float("inf")  # least bound of intervals set aside
         self.log: list[Branch] = []
@@ -141,13 +141,13 @@ class _Search:
             and found.forces.certificate.objective < self.best_value
         ):
             self.best, self.best_value = found.forces, found.forces.certificate.objective
-            self.best_time, self.best_backend = t, found.backend
+            self.best_time, self.best_solver = t, found.solver
 
     def solved(self, program: Program) -> Outcome:
         """The outcome of a program; of several proofs the one with the least margin is kept."""
-        found = self.backends.solve(self.problem, program, first=self.first)
-        if self.backend == "auto" and found.status is Status.OK:
-            self.first = found.backend
+        found = self.solvers.solve(self.problem, program, first=self.first)
+        if self.solver == "auto" and found.status is Status.OK:
+            self.first = found.solver
         proof = found.infeasibility
         if proof is not None and (self.proof is None or proof.margin < self.proof.margin):
             self.proof = proof
@@ -176,7 +176,7 @@ class _Search:
         if self.best is None:
             undecided = Status.INACCURATE if self.unresolved or self.open else Status.INFEASIBLE
             outcome = Outcome(
-                status=Status.INTERRUPTED if interrupted else undecided, backend=self.backend, infeasibility=self.proof
+                status=Status.INTERRUPTED if interrupted else undecided, solver=self.solver, infeasibility=self.proof
             )
         else:
             left = min([self.closed_bound, self.best_value, *(bound for bound, *_ in self.open)])
@@ -184,6 +184,6 @@ class _Search:
             closed = certificate.relative_gap <= gap * (1 + 1e-9)
             status = Status.INTERRUPTED if interrupted else Status.OK if closed else Status.INACCURATE
             forces = replace(self.best, certificate=certificate)
-            outcome = Outcome(status=status, backend=self.best_backend, forces=forces)
+            outcome = Outcome(status=status, solver=self.best_solver, forces=forces)
         found = solution_of(self.problem, outcome, impact_time=self.best_time, weights=self.weights, started=started)
         return GlobalSolution(**vars(found), branches=tuple(self.log))

@@ -287,7 +287,7 @@ def grid_solution(
     search: str,
     log: GridLog,
     started: float,
-    backend: str = "",
+    solver: str = "",
 ) -> GridSolution:
     """The record of a finished search."""
     if cell is None:
@@ -299,7 +299,7 @@ def grid_solution(
         status=status,
         problem=problem,
         search=search,
-        backend=backend,
+        solver=solver,
         impact_time=impact_time,
         forces_c=frozen(forces),
         torsion=frozen(np.zeros(len(forces))),

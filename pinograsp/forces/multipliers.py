@@ -20,7 +20,7 @@ from pinograsp.checks import array_of, brief, frozen, instance_of, one_of, read_
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solvers import SolverName, qp_solvers, solve_qp
+from pinograsp.forces.solvers import QPSolverName, qp_solvers, solve_qp
 from pinograsp.spatial import Array
 
 # Weight of ||k||^2 against ||r||^2 (normalised by the largest column): selects the least-norm multipliers. Below 1e-10
@@ -54,7 +54,7 @@ class MultiplierSolution:
 
 
 def refine_multipliers(
-    problem: ForceProblem, normal_forces: ArrayLike, *, solver: SolverName = "daqp"
+    problem: ForceProblem, normal_forces: ArrayLike, *, solver: QPSolverName = "daqp"
 ) -> MultiplierSolution:
     """Multipliers (k1, k2) that leave the smallest residual at fixed ``normal_forces`` (k,) [N]; of several, those of
     least norm.

@@ -7,13 +7,13 @@ from dataclasses import replace
 from time import perf_counter
 
 from pinograsp.checks import instance_of
-from pinograsp.forces.backends import BackendName
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective
 from pinograsp.forces.solution import ConvexSolution
 from pinograsp.forces.solver import ForceSolver, certified
+from pinograsp.forces.solver_order import SolverName
 
-_MOST = 4  # impact times, objectives and backends for which a problem's preparations are kept
+_MOST = 4  # impact times, objectives and solvers for which a problem's preparations are kept
 
 
 def optimize_forces(
@@ -21,7 +21,7 @@ def optimize_forces(
     impact_time: float,
     *,
     objective: Objective | None = None,
-    backend: BackendName = "auto",
+    solver: SolverName = "auto",
 ) -> ConvexSolution:
     """The contact forces of least cost for an impact at t_I (method of Eqs. 12-16 with the forces as variables).
 
@@ -36,13 +36,13 @@ def optimize_forces(
             squared contact forces [N^2]; torsional moments over the moment length), ``"peak"`` (largest F_n [N]),
             ``"motor_heat"`` (sum of squared joint torques [N^2 m^2]; needs ``problem.torques``); or weights
             ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All are convex and solved to optimality.
-        backend: a name of :func:`~pinograsp.forces.available_backends`: a compiled method, any solver that qpsolvers
+        solver: a name of :func:`~pinograsp.forces.available_solvers`: a compiled method, any solver that qpsolvers
             finds, or one of your own (:func:`~pinograsp.forces.register_solver`). QP solvers take grasp energies and
             friction cones as a sequence of QPs, Clarabel takes both as they are. ``"auto"``: with the core installed
             one of its methods, either Newton on the dual (``"newton"``; cones, soft fingers and 4-edge pyramids
             without torque limits) or interior points (``"interior"``; all but peak and coupled motor heat); else DAQP
             up to 20 contacts, Clarabel above.
-            Where a backend cannot take the problem, or its answer fails the certificate, DAQP and Clarabel follow; the
+            Where a solver cannot take the problem, or its answer fails the certificate, DAQP and Clarabel follow; the
             record says which one answered.
 
     Returns:
@@ -50,31 +50,31 @@ def optimize_forces(
         ``INACCURATE`` where neither could be certified.
 
     Raises:
-        InvalidInput: an impact time not below t_F, an unknown objective or backend.
-        ExtraMissing: a compiled backend was asked for, and the core is not installed.
+        InvalidInput: an impact time not below t_F, an unknown objective or solver.
+        ExtraMissing: a compiled solver was asked for, and the core is not installed.
     """
     started = perf_counter()
     instance_of("problem", problem, ForceProblem)
-    key, kept = _key_of(impact_time, objective, backend), problem.preparations
+    key, kept = _key_of(impact_time, objective, solver), problem.preparations
     if key in kept:
         prepared, weights, at = kept[key]
         found = certified(prepared, problem, weights, at, started)
         if found is not None:
             return found
-    solver = ForceSolver(problem, impact_time, objective=objective, backend=backend)
-    if key is not None and solver.prepared is not None:
+    fresh = ForceSolver(problem, impact_time, objective=objective, solver=solver)
+    if key is not None and fresh.prepared is not None:
         while len(kept) >= _MOST:
             kept.pop(list(kept)[0], None)  # noqa: RUF015  # another thread may change it meanwhile
-        kept[key] = solver.prepared, solver.weights, solver.impact_time
-    return replace(solver.solve(), elapsed=perf_counter() - started)
+        kept[key] = fresh.prepared, fresh.weights, fresh.impact_time
+    return replace(fresh.solve(), elapsed=perf_counter() - started)
 
 
-def _key_of(impact_time: float, objective: object, backend: str) -> Hashable:
+def _key_of(impact_time: float, objective: object, solver: str) -> Hashable:
     """Under which a problem keeps what was prepared; None for what cannot be looked up, and is refused elsewhere."""
     if isinstance(objective, Mapping):
         objective = tuple(objective.items())
     try:
-        hash((impact_time, objective, backend))
+        hash((impact_time, objective, solver))
     except TypeError:
         return None
-    return impact_time, objective, backend
+    return impact_time, objective, solver

@@ -28,7 +28,7 @@ from pinograsp.forces.lattice import first_on_lattice
 from pinograsp.forces.multipliers import MultiplierSolution, refine_multipliers
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import GridSolution
-from pinograsp.forces.solvers import SolverName, qp_solvers
+from pinograsp.forces.solvers import QPSolverName, qp_solvers
 from pinograsp.spatial import Array, IntArray
 
 _Entries = TypeVar("_Entries", Array, IntArray)
@@ -38,7 +38,7 @@ _NEVER = np.iinfo(np.int64).max
 
 
 def pruned_search(
-    problem: ForceProblem, grid: GridSpec, *, solver: SolverName = "daqp", progress: bool | None = None
+    problem: ForceProblem, grid: GridSpec, *, solver: QPSolverName = "daqp", progress: bool | None = None
 ) -> GridSolution:
     """The paper's grid search with the same optimum as :func:`~pinograsp.forces.grid.brute_force`, ties included.
 
@@ -60,7 +60,7 @@ def pruned_search(
 
 
 def hybrid_search(
-    problem: ForceProblem, grid: GridSpec, *, solver: SolverName = "daqp", progress: bool | None = None
+    problem: ForceProblem, grid: GridSpec, *, solver: QPSolverName = "daqp", progress: bool | None = None
 ) -> GridSolution:
     """Grid over (t_I, A) only, the QP over the multipliers deciding each cell: the first balanced cell is optimal."""
 
@@ -96,7 +96,7 @@ class _Search:
         limit: float,
         exact: bool,
         accept: Accept,
-        solver: SolverName,
+        solver: QPSolverName,
         rejections: dict[str, int],
         progress_bar: tqdm,
     ):
@@ -213,7 +213,7 @@ def _search(
     limit: float | None,
     accept: Accept,
     name: str,
-    solver: SolverName,
+    solver: QPSolverName,
     progress: bool | None,
 ) -> GridSolution:
     """``limit``: largest norm of the residual that counts as balance [N]; None: the certificates' tolerance."""
@@ -257,5 +257,5 @@ def _search(
         search=name,
         log=log,
         started=started,
-        backend=solver if name == "hybrid" else "",
+        solver=solver if name == "hybrid" else "",
     )

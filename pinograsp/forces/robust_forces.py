@@ -13,12 +13,12 @@ from scipy.optimize import nnls
 from pinograsp.checks import array_of, brief
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.answers import Answer, Checks, certify
-from pinograsp.forces.backends import Outcome
 from pinograsp.forces.certificate import Certificate, Infeasibility
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import feasibility
 from pinograsp.forces.solution import ConvexSolution, solution_of
+from pinograsp.forces.solver_order import Outcome
 from pinograsp.spatial import Array
 
 Reaction = Literal["friction", "elastic"]
@@ -133,7 +133,7 @@ class RobustForces:
         bound = program.lower_bound(x, y, w)
         checks = Checks(violation, gauge, residual, program.value(x), bound)
         forces = certify(problem, program, Answer(x, y, w, checks))
-        outcome = Outcome(status=self.status, backend="clarabel", forces=forces)
+        outcome = Outcome(status=self.status, solver="clarabel", forces=forces)
         found = solution_of(problem, outcome, impact_time=self.impact_time, weights=self.weights, started=started)
         return replace(found, search="robust", certificate=self.certificate)
 

@@ -13,7 +13,7 @@ from pinograsp.forces.multipliers import refine_multipliers
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.pruned import hybrid_search, pruned_search
 from pinograsp.forces.solution import GridSolution
-from pinograsp.forces.solvers import SolverName, qp_solvers
+from pinograsp.forces.solvers import QPSolverName, qp_solvers
 
 GridSearch: TypeAlias = Literal["hybrid", "paper", "paper+qp"]
 GridMethod: TypeAlias = Literal["pruned", "brute"]
@@ -27,7 +27,7 @@ def grid_search(
     *,
     search: GridSearch = "hybrid",
     method: GridMethod = "pruned",
-    solver: SolverName = "daqp",
+    solver: QPSolverName = "daqp",
     progress: bool | None = None,
 ) -> GridSolution:
     """Least-energy contact forces on a grid.
@@ -72,7 +72,7 @@ def grid_search(
     return refined(found, solver) if search == "paper+qp" and found.found else found
 
 
-def refined(solution: GridSolution, solver: SolverName = "daqp") -> GridSolution:
+def refined(solution: GridSolution, solver: QPSolverName = "daqp") -> GridSolution:
     """``solution`` with its multipliers replaced by the QP's; status ``UNBALANCED`` where its F_n admit no balance."""
     started = time.perf_counter()
     refinement = refine_multipliers(solution.problem, solution.normal_forces, solver=solver)
@@ -81,7 +81,7 @@ def refined(solution: GridSolution, solver: SolverName = "daqp") -> GridSolution
         solution,
         status=refinement.status if solution.status is Status.OK else solution.status,
         search="paper+qp",
-        backend=solver,
+        solver=solver,
         forces_c=refinement.forces_c,
         grid=replace(solution.grid, residual_bound=bound, qp_solves=solves),
         elapsed=solution.elapsed + time.perf_counter() - started,

@@ -10,9 +10,9 @@ import numpy as np
 from pinograsp.checks import brief, frozen, read_only
 from pinograsp.contacts import PenetrationProfile
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.backends import Outcome
 from pinograsp.forces.certificate import Certificate, Infeasibility
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.solver_order import Outcome
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
 from pinograsp.words import by_name, lines_of
@@ -73,7 +73,7 @@ class ForceSolution:
             ``INTERRUPTED``.
         problem: the problem that was solved.
         search: ``"paper"``, ``"paper+qp"``, ``"hybrid"``, ``"convex"`` or ``"robust"``.
-        backend: name of the method that ran, "" if none did.
+        solver: name of the method that ran, "" if none did.
         impact_time: t_I [s], None without a solution.
         forces_c: contact forces (k, 3) [N], empty without a solution.
         elapsed: computing time [s].
@@ -83,13 +83,13 @@ class ForceSolution:
     status: Status
     problem: ForceProblem
     search: str
-    backend: str
+    solver: str
     impact_time: float | None
     forces_c: Array
     elapsed: float
     torsion: Array = field(default_factory=lambda: read_only(np.zeros(0)))
 
-    __repr__ = brief("status", "search", "backend", "impact_time", "normal_forces", "residual", "elapsed")
+    __repr__ = brief("status", "search", "solver", "impact_time", "normal_forces", "residual", "elapsed")
     _repr_html_ = in_notebook
 
     def __str__(self) -> str:
@@ -105,7 +105,7 @@ class ForceSolution:
             f"friction used, of mu F_n: {by_name(names, used, '%')}",
             f"left over {self.residual_force:.1e} N, {self.residual_moment:.1e} N m",
             *self._proven(),
-            f"{self.search} search, {self.backend or 'no solver'}, {self.elapsed:.3g} s",
+            f"{self.search} search, {self.solver or 'no solver'}, {self.elapsed:.3g} s",
         )
 
     def _proven(self) -> tuple[str, ...]:
@@ -293,7 +293,7 @@ def solution_of(
         status=outcome.status if status is None else status,
         problem=problem,
         search="convex",
-        backend=outcome.backend,
+        solver=outcome.solver,
         weights=weights,
         impact_time=None if found is None else impact_time,
         forces_c=frozen(np.zeros((0, 3))) if found is None else found.forces_c,

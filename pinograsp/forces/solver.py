@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import instance_of, record_of
 from pinograsp.errors import Status
-from pinograsp.forces.backends import COMPILED, BackendName, Backends, checked_backend
 from pinograsp.forces.compiled import Prepared
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ConvexSolution, solution_of
+from pinograsp.forces.solver_order import COMPILED, SolverName, SolverOrder, check_solver
 
 
 class ForceSolver:
@@ -27,7 +27,7 @@ class ForceSolver:
         problem: contacts, friction and limits; its load is the default one.
         impact_time: t_I [s].
         weights: the objective, ``{name: weight}``.
-        backends: names of the methods, in the order in which they are tried.
+        solvers: names of the methods, in the order in which they are tried.
         prepared: all but the load, in the core; None where it does not take these problems.
     """
 
@@ -37,7 +37,7 @@ class ForceSolver:
         impact_time: float,
         *,
         objective: Objective | None = None,
-        backend: BackendName = "auto",
+        solver: SolverName = "auto",
     ):
         """Prepare everything that does not depend on the load.
 
@@ -45,26 +45,26 @@ class ForceSolver:
             problem: contacts, load, friction, limits.
             impact_time: t_I [s]; it sets the range of F_n (Eqs. 13) and the energy.
             objective: as for :func:`~pinograsp.forces.optimize_forces`.
-            backend: as for :func:`~pinograsp.forces.optimize_forces`.
+            solver: as for :func:`~pinograsp.forces.optimize_forces`.
 
         Raises:
-            InvalidInput: an impact time not below t_F, an unknown objective or backend.
-            ExtraMissing: a compiled backend was asked for, and the core is not installed.
+            InvalidInput: an impact time not below t_F, an unknown objective or solver.
+            ExtraMissing: a compiled solver was asked for, and the core is not installed.
         """
         self.problem = instance_of("problem", problem, ForceProblem)
         self.impact_time = problem.checked_impact_time(impact_time)
         self.weights = weights_of(objective, problem)
-        checked_backend(backend)
+        check_solver(solver)
         self._matrices = matrices_of(problem, self.weights)
-        self._backends = Backends(self._matrices, backend)
-        self.backends = self._backends.order
+        self._order = SolverOrder(self._matrices, solver)
+        self.solvers = self._order.order
         self._terms = energy_terms_at(problem, self.weights, self.impact_time)
         self._least, self._largest = problem.normal_force_range(self.impact_time)
         self.prepared: Prepared | None = None
-        method = self.backends[0]
+        method = self.solvers[0]
         # Equations of an underactuated hand have one side each: as programs alone their other side is set.
-        if method in COMPILED and self._backends.takes(method) and not self._matrices.fixed:
-            self.prepared = Prepared(problem, self._backends.template, method, self.impact_time, self._terms)
+        if method in COMPILED and self._order.takes(method) and not self._matrices.fixed:
+            self.prepared = Prepared(problem, self._order.template, method, self.impact_time, self._terms)
 
     def solve(self, load: ArrayLike | None = None) -> ConvexSolution:
         """The forces for a load (6,), linear first, about the centre of mass, world axes [N, N m].
@@ -85,7 +85,7 @@ class ForceSolver:
         if found is not None:
             return found
         program = assemble(self._matrices, problem.scaled_load, self._terms, self._least, self._largest)
-        outcome = self._backends.solve(problem, program, tried=self.prepared is not None)
+        outcome = self._order.solve(problem, program, tried=self.prepared is not None)
         return solution_of(problem, outcome, impact_time=self.impact_time, weights=self.weights.copy(), started=started)
 
 
@@ -102,7 +102,7 @@ def certified(
             "status": Status.OK,
             "problem": problem,
             "search": "convex",
-            "backend": found.backend,
+            "solver": found.solver,
             "weights": dict(weights),
             "impact_time": impact_time,
             "forces_c": found.forces_c,

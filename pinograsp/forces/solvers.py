@@ -43,9 +43,9 @@ TOLERANCES: dict[str, dict[str, Any]] = {
     "scs": {"eps_abs": 1e-10, "eps_rel": 0.0, "max_iters": 100_000},
 }
 # Those that come with the package; all that are there: qp_solvers().
-OwnSolver = Literal["daqp", "proxqp", "osqp", "clarabel"]
-SolverName: TypeAlias = OwnSolver | str
-SOLVERS: tuple[OwnSolver, ...] = get_args(OwnSolver)
+OwnQPSolver = Literal["daqp", "proxqp", "osqp", "clarabel"]
+QPSolverName: TypeAlias = OwnQPSolver | str
+QP_SOLVERS: tuple[OwnQPSolver, ...] = get_args(OwnQPSolver)
 _NO_INFINITY = ("ecos",)  # bounds that are infinite must not be handed to them
 
 

@@ -228,7 +228,7 @@ class PlanForces:
     Attributes:
         status: of the force search.
         search: its name.
-        backend: which solver ran; empty: none.
+        solver: which solver ran; empty: none.
         impact_time: t_I [s].
         final_time: t_F [s].
         forces_c: on the object, in the contact frames (k, 3) [N].
@@ -248,7 +248,7 @@ class PlanForces:
 
     status: Status
     search: str
-    backend: str
+    solver: str
     impact_time: float
     final_time: float
     forces_c: Annotated[Array, "k 3"]
@@ -265,7 +265,7 @@ class PlanForces:
     certificate: PlanCertificate | None
     grid: PlanGrid | None
 
-    __repr__ = brief("status", "search", "backend", "impact_time", "normal_forces", "certificate")
+    __repr__ = brief("status", "search", "solver", "impact_time", "normal_forces", "certificate")
 
     @property
     def normal_forces(self) -> Array:

@@ -192,7 +192,7 @@ class PlanRecord:
             "status": str(self.status),
             "remedy": self.remedy,
             "search": forces.search,
-            "solver": forces.backend or "none",
+            "solver": forces.solver or "none",
             "balance": self.balance,
             "measure": self.measure,
             "friction": self.friction.summary(),

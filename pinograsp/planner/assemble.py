@@ -106,7 +106,7 @@ def assembled(
         notes=(*others, *closed, *changed, *notes, *drive_notes(hand, motion)),
         closing=None if closure is None else closure.summary(),
         elapsed=elapsed,
-        versions=_versions(solution.backend),
+        versions=_versions(solution.solver),
         solution=solution,
         closure=closure,
         conditions=conditions,
@@ -170,7 +170,7 @@ def _forces(solution: ForceSolution, motion: Motion) -> PlanForces:
     return PlanForces(
         status=solution.status,
         search=solution.search,
-        backend=solution.backend,
+        solver=solution.solver,
         impact_time=float(profile.impact_time),
         final_time=problem.final_time,
         forces_c=solution.forces_c,
@@ -296,7 +296,7 @@ def failure_of(error: SearchFailed, hand: str, settings: Mapping[str, Any]) -> P
         hand=hand,
         contacts=tuple(solution.problem.contacts.names),
         settings=settings,
-        versions=_versions(solution.backend),
+        versions=_versions(solution.solver),
     )
 
 

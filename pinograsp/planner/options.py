@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from pinograsp.checks import brief, instance_of, one_of
-from pinograsp.forces import BackendName, GridSpec, Objective
+from pinograsp.forces import GridSpec, Objective, SolverName
 from pinograsp.motion import MotionSpec
 
 Search = Literal["convex", "hybrid", "paper", "paper+qp"]
@@ -29,7 +29,7 @@ class PlanOptions:
 
     search: Search = "convex"
     grid: GridSpec | None = None
-    solver: BackendName = "auto"
+    solver: SolverName = "auto"
     objective: Objective | None = None
     motion: MotionSpec | None = None
 

@@ -181,7 +181,7 @@ def no_forces(squeeze: RobustForces, problem: ForceProblem) -> ConvexSolution:
         status=squeeze.status,
         problem=problem,
         search="robust",
-        backend="clarabel",
+        solver="clarabel",
         impact_time=None,
         forces_c=np.zeros((0, 3)),
         elapsed=squeeze.elapsed,

@@ -143,7 +143,7 @@ def _search_optimum(hand: HandModel, setup: Setup, options: PlanOptions, progres
     searched = problem if limit is None else replace(problem, torques=None)
     objective = options.objective if limit is None else None
     for _ in range(_TORQUE_ROUNDS):
-        forces = optimize_grasp(searched, objective=objective, backend=options.solver, progress=progress)
+        forces = optimize_grasp(searched, objective=objective, solver=options.solver, progress=progress)
         refuse_failure(forces, proof)
         watch.stop("forces")
         motion = plan_motion(hand, forces, options.motion)

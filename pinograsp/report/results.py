@@ -97,7 +97,7 @@ def list_details(plan: PlanRecord) -> list[tuple[str, str]]:
     """The other results, likewise."""
     forces, motion, names = plan.forces, plan.motion, plan.contacts.names
     multipliers = ", ".join(f"{name} ({k1:+.3f}, {k2:+.3f})" for name, (k1, k2) in zip(names, forces.multipliers))
-    solved = f"{forces.search}, solver {forces.backend or 'none'}, {plan.balance} balance, least {_objective(plan)}"
+    solved = f"{forces.search}, solver {forces.solver or 'none'}, {plan.balance} balance, least {_objective(plan)}"
     lines = [
         ("search", solved),
         ("friction", friction_model(plan.friction)),

@@ -27,7 +27,7 @@ def solution_of(contacts, forces, **settings):
         **{"mu": 0.8, "friction": pg.Friction(model="cone")} | settings,
     )
     return ForceSolution(
-        status=pg.Status.OK, problem=problem, search="test", backend="", impact_time=0.9, forces_c=forces, elapsed=0.0
+        status=pg.Status.OK, problem=problem, search="test", solver="", impact_time=0.9, forces_c=forces, elapsed=0.0
     )
 
 

@@ -73,7 +73,7 @@ def test_choices_are_those_that_the_package_takes():
     from pinograsp.carry.plan import TimingName
     from pinograsp.contacts import FrictionModel
     from pinograsp.contacts.compliance import MEASURES
-    from pinograsp.forces import BACKENDS
+    from pinograsp.forces import SOLVERS
     from pinograsp.handover.commands import COMMANDS
     from pinograsp.hands.load import Masses
     from pinograsp.planner import Search
@@ -83,7 +83,7 @@ def test_choices_are_those_that_the_package_takes():
     for ours, theirs in (
         (completion.SEARCHES, get_args(Search)),
         (completion.MEASURES, MEASURES),
-        (completion.SOLVERS, BACKENDS),
+        (completion.SOLVERS, SOLVERS),
         (completion.FRICTION, get_args(FrictionModel)),
         (completion.MASSES, get_args(Masses)),
         (completion.CONTROLS, CONTROLS),

@@ -51,7 +51,7 @@ def test_as_one_by_one(name, objective):
     found = pg.solve_batch(batch, objective=objective)
     counts = {Status.OK: 0, Status.INFEASIBLE: 0}
     for i, problem in enumerate(problems):
-        one = pg.optimize_forces(problem, IMPACT, objective=objective, backend="clarabel")
+        one = pg.optimize_forces(problem, IMPACT, objective=objective, solver="clarabel")
         assert found.status[i] is one.status
         counts[one.status] += 1
         if one.status is not Status.OK:

@@ -22,7 +22,7 @@ def certificate():
     problem = pg.ForceProblem.holding(
         body, pg.contacts_at(None, body, points, tolerance=1e-2), mu=0.8, friction=pg.Friction(), max_depth=5e-3
     )
-    found = pg.optimize_forces(problem, T_I, objective="least_squares", backend="clarabel")
+    found = pg.optimize_forces(problem, T_I, objective="least_squares", solver="clarabel")
     assert found.status is Status.OK
     return found.certificate
 
@@ -53,13 +53,13 @@ def test_a_certificate_tells_what_the_forces_leave(certificate):
     assert certificate.gap == certificate.objective - certificate.lower_bound
 
 
-@pytest.mark.parametrize("backend", ["newton", "interior", "daqp", "clarabel", "quadprog"])
-def test_answers_count_by_the_same_rule_on_every_path(make_problem, backend):
+@pytest.mark.parametrize("solver", ["newton", "interior", "daqp", "clarabel", "quadprog"])
+def test_answers_count_by_the_same_rule_on_every_path(make_problem, solver):
     problem = make_problem(balance="wrench", measure="work")
-    single = pg.optimize_forces(problem, T_I, backend=backend)
+    single = pg.optimize_forces(problem, T_I, solver=solver)
     assert single.status is Status.OK and single.certificate.is_optimal()
-    assert pg.ForceSolver(problem, T_I, backend=backend).solve().certificate.is_optimal()
-    best = pg.optimize_grasp(problem, backend=backend, gap=1e-6)
+    assert pg.ForceSolver(problem, T_I, solver=solver).solve().certificate.is_optimal()
+    best = pg.optimize_grasp(problem, solver=solver, gap=1e-6)
     assert best.status is Status.OK and best.certificate.is_optimal()
     assert best.certificate.lower_bound <= single.certificate.objective * (1 + 1e-9)
 

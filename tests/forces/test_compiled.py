@@ -64,14 +64,14 @@ def test_same_optimum_as_the_general_method(contact_set, model, objective, k, so
         problem = ForceProblem(
             contacts=contacts, load=load, mu=0.7, friction=MODELS[model], torques=torques, max_depth=5e-3
         )
-        slow = optimize_forces(problem, 0.85, objective=objective, backend="clarabel")
+        slow = optimize_forces(problem, 0.85, objective=objective, solver="clarabel")
         for fast in (
-            optimize_forces(problem, 0.85, objective=objective, backend=solver),
-            ForceSolver(problem.with_load(0.5 * load), 0.85, objective=objective, backend=solver).solve(load),
+            optimize_forces(problem, 0.85, objective=objective, solver=solver),
+            ForceSolver(problem.with_load(0.5 * load), 0.85, objective=objective, solver=solver).solve(load),
         ):
             assert fast.status is slow.status
             if fast.status is Status.OK:
-                agreed += fast.backend == solver
+                agreed += fast.solver == solver
                 assert fast.certificate.objective == pytest.approx(slow.certificate.objective, rel=2e-6)
                 assert fast.certificate.relative_gap <= 1e-6
                 assert fast.certificate.residual_force < 1e-9 and fast.certificate.violation < 1e-8
@@ -87,10 +87,10 @@ def test_same_optimum_as_the_general_method(contact_set, model, objective, k, so
 @pytest.mark.parametrize("balance", ["wrench", "force"])
 def test_both_paths_write_the_same_record(contact_set, model, balance):
     """Whole compiled calls against the program's path with the same method, field by field."""
-    from pinograsp.forces.backends import Backends
     from pinograsp.forces.matrices import matrices_of
     from pinograsp.forces.program import assemble, energy_terms_at
     from pinograsp.forces.solution import solution_of
+    from pinograsp.forces.solver_order import SolverOrder
 
     for contacts, load in grasps(contact_set, 4, 3, 5):
         problem = ForceProblem(
@@ -104,13 +104,13 @@ def test_both_paths_write_the_same_record(contact_set, model, balance):
             max_depth=5e-3,
         )
         objective = {"work": 1.0, "least_squares": 1e-3}
-        whole = optimize_forces(problem, 0.85, objective=objective, backend="interior")
+        whole = optimize_forces(problem, 0.85, objective=objective, solver="interior")
         matrices = matrices_of(problem, objective)
         terms = energy_terms_at(problem, objective, 0.85)
         program = assemble(matrices, problem.scaled_load, terms, *problem.normal_force_range(0.85))
-        outcome = Backends(matrices, "interior").solve(problem, program)
+        outcome = SolverOrder(matrices, "interior").solve(problem, program)
         parts = solution_of(problem, outcome, impact_time=0.85, weights=objective, started=0.0)
-        assert whole.backend == parts.backend == "interior" and whole.status is parts.status is Status.OK
+        assert whole.solver == parts.solver == "interior" and whole.status is parts.status is Status.OK
         for name in ("acceleration", "multipliers", "forces_c", "torsion"):
             assert getattr(whole, name) == pytest.approx(getattr(parts, name), rel=1e-5, abs=1e-6), name
             assert not getattr(whole, name).flags.writeable
@@ -145,7 +145,7 @@ def test_bounds_that_leave_no_room_go_to_the_general_method(contact_set):
     problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"), max_depth=5e-3)
     lo, _hi = problem.normal_force_range(0.85)
     for cap, status in ((lo * 0.5, Status.INFEASIBLE), (lo, Status.INFEASIBLE)):
-        found = optimize_forces(replace(problem, max_normal_force=cap), 0.85, backend="interior")
+        found = optimize_forces(replace(problem, max_normal_force=cap), 0.85, solver="interior")
         assert found.status is status
 
 
@@ -155,8 +155,8 @@ def test_force_balance_and_many_contacts(contact_set):
             problem = ForceProblem(
                 contacts=contacts, load=load, mu=0.5, balance=balance, friction=Friction(model="cone"), max_depth=5e-3
             )
-            found = optimize_forces(problem, 0.9, objective="least_squares", backend="newton")
-            assert found.status is Status.OK and found.backend == "newton"
+            found = optimize_forces(problem, 0.9, objective="least_squares", solver="newton")
+            assert found.status is Status.OK and found.solver == "newton"
 
 
 def test_auto_uses_them_only_where_they_apply(contact_set):
@@ -164,16 +164,16 @@ def test_auto_uses_them_only_where_they_apply(contact_set):
     settings = {"contacts": contacts, "load": load, "mu": 0.7}
     problem = ForceProblem(**settings)
     for _ in range(2):
-        assert optimize_forces(problem, 0.85).backend == "newton"
-        assert optimize_forces(problem, 0.85, objective="least_squares").backend == "newton"
-        assert optimize_forces(problem, 0.85, objective="peak").backend == "daqp"
-        assert optimize_forces(ForceProblem(**settings, friction=Friction(edges=8)), 0.85).backend == "interior"
+        assert optimize_forces(problem, 0.85).solver == "newton"
+        assert optimize_forces(problem, 0.85, objective="least_squares").solver == "newton"
+        assert optimize_forces(problem, 0.85, objective="peak").solver == "daqp"
+        assert optimize_forces(ForceProblem(**settings, friction=Friction(edges=8)), 0.85).solver == "interior"
         limited = ForceProblem(**settings, torques=joint_limits(5))
-        assert optimize_forces(limited, 0.85).backend == "interior"
-        assert optimize_forces(limited, 0.85, objective="motor_heat").backend == "daqp"  # joints that all contacts load
+        assert optimize_forces(limited, 0.85).solver == "interior"
+        assert optimize_forces(limited, 0.85, objective="motor_heat").solver == "daqp"  # joints that all contacts load
         # Asked for by name where they cannot work: the general method answers, and the record says so.
         for solver in ("newton", "interior"):
-            assert optimize_forces(problem, 0.85, objective="peak", backend=solver).backend == "daqp"
+            assert optimize_forces(problem, 0.85, objective="peak", solver=solver).solver == "daqp"
 
 
 def test_infeasible_loads_are_proven(contact_set):
@@ -182,7 +182,7 @@ def test_infeasible_loads_are_proven(contact_set):
             contacts=contacts, load=1e3 * load, mu=0.5, friction=Friction(model="cone"), max_depth=5e-3
         )
         for solver in ("newton", "interior"):
-            found = optimize_forces(problem, 0.85, backend=solver)
+            found = optimize_forces(problem, 0.85, solver=solver)
             assert found.status is Status.INFEASIBLE and found.infeasibility.margin > 0
 
 
@@ -227,7 +227,7 @@ def test_dual_newton_recognises_infeasible_loads(contact_set):
                 if found is None:
                     continue
                 code, newton, _, y, program = found
-                feasible = optimize_forces(problem, 0.85, objective="work", backend="daqp").status is Status.OK
+                feasible = optimize_forces(problem, 0.85, objective="work", solver="daqp").status is Status.OK
                 assert newton, name
                 assert (code == core.CONVERGED) == feasible, name
                 assert (program.excluded(y, np.zeros(0)) > 0) == (not feasible)
@@ -235,9 +235,9 @@ def test_dual_newton_recognises_infeasible_loads(contact_set):
 
 def test_global_search_through_it(make_problem):
     problem = make_problem(balance="wrench", measure="work", friction=Friction(model="cone"))
-    slow = optimize_grasp(problem, backend="daqp")
+    slow = optimize_grasp(problem, solver="daqp")
     for solver in ("newton", "interior"):
-        fast = optimize_grasp(problem, backend=solver)
+        fast = optimize_grasp(problem, solver=solver)
         assert fast.certificate.objective == pytest.approx(slow.certificate.objective, rel=2e-6)
         assert fast.certificate.relative_gap <= 1e-6
 
@@ -251,9 +251,9 @@ def test_without_the_core_general_methods_answer(contact_set, monkeypatch):
     contacts, load = next(grasps(contact_set, 4, 1, 3))
     problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(), max_depth=5e-3)
     try:
-        assert optimize_forces(problem, 0.85).backend == "daqp"
+        assert optimize_forces(problem, 0.85).solver == "daqp"
         for needs in (
-            lambda: optimize_forces(problem, 0.85, backend="newton"),
+            lambda: optimize_forces(problem, 0.85, solver="newton"),
             lambda: pg.OnlineForces(problem),
             lambda: MultiplierQP(problem, np.ones(4)),
             lambda: pg.solve_batch(pg.ForceBatch.of([problem], 0.85)),
@@ -318,11 +318,11 @@ def test_problems_go_to_other_processes(contact_set):
     """Without what solvers keep with them, which cannot be pickled, and read-only as before."""
     contacts, load = next(grasps(contact_set, 4, 1, 3))
     problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(model="cone"), max_depth=5e-3)
-    found = [optimize_forces(problem, 0.85, backend=solver) for solver in ("clarabel", "interior", "interior")][-1]
+    found = [optimize_forces(problem, 0.85, solver=solver) for solver in ("clarabel", "interior", "interior")][-1]
     there = pickle.loads(pickle.dumps(found))
     assert not there.problem.load.flags.writeable
     for _ in range(2):
-        again = optimize_forces(there.problem, 0.85, backend="interior")
+        again = optimize_forces(there.problem, 0.85, solver="interior")
         assert again.certificate.objective == pytest.approx(found.certificate.objective, rel=1e-8)
 
 
@@ -382,7 +382,7 @@ def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():
         problem = replace(
             grasp.problem, friction=Friction(model="soft", torsion=0.004), moment_length=grasp.problem.moment_length
         )
-        solution = optimize_forces(problem, grasp.impact_time, objective="least_squares", backend="interior")
+        solution = optimize_forces(problem, grasp.impact_time, objective="least_squares", solver="interior")
         if not solution.found:
             continue
         own, rng = force_sensitivity(solution), np.random.default_rng(seed)
@@ -392,7 +392,7 @@ def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():
                 problem.with_load(problem.load + h * way),
                 grasp.impact_time,
                 objective="least_squares",
-                backend="clarabel",
+                solver="clarabel",
             )
             for h in (step, -step)
         ]

@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from pinograsp.contacts import Friction, MarhefkaOrin, contacts_at
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
-    SOLVERS,
+    QP_SOLVERS,
     ForceProblem,
     GridSpec,
     grid_search,
@@ -132,7 +132,7 @@ def test_bad_problems_are_refused(make_problem, settings, message):
 # -- the QP over the multipliers ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("solver", QP_SOLVERS)
 @pytest.mark.parametrize(
     ("mu", "left", "tolerance"), [(0.7, 0.0801, 5e-5), (0.693, 0.0893, 5e-5), (0.8, 0.0, 1e-9), (0.77, 0.0, 1e-9)]
 )
@@ -144,7 +144,7 @@ def test_published_forces(make_problem, solver, mu, left, tolerance):
     assert solution.solver == solver
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("solver", QP_SOLVERS)
 def test_multipliers_against_scipy_on_random_problems(solver):
     balanced = 0
     for seed in range(60):
@@ -163,7 +163,7 @@ def test_multipliers_against_scipy_on_random_problems(solver):
 
 
 def test_multipliers_have_least_norm(make_problem):
-    for solver in SOLVERS:
+    for solver in QP_SOLVERS:
         for settings in ({"mu": 0.8}, {"mu": 1.0, "balance": "force"}):
             problem = make_problem(**settings)
             k = cp.Variable(6)
@@ -204,7 +204,7 @@ def test_duplicate_and_collinear_contacts():
     problem = ForceProblem.holding(
         shape, contacts_at(None, shape, line), mu=0.8, balance="wrench", friction=Friction(), max_depth=5e-3
     )
-    for solver in SOLVERS:
+    for solver in QP_SOLVERS:
         assert refine_multipliers(problem, [2, 2, 2, 2], solver=solver).status is Status.OK
 
 
@@ -233,7 +233,7 @@ def test_a_solver_that_lies_is_caught(make_problem, monkeypatch):
 
 def test_tolerances_are_passed_to_every_solver():
     P, q = np.diag([2.0, 1.0]), np.array([-2.0, 3.0])
-    for solver in SOLVERS:
+    for solver in QP_SOLVERS:
         assert solver == "quadprog" or TOLERANCES[solver]
         x = solve_qp(solver, P, q, lb=np.array([-1.0, -1.0]), ub=np.array([1.0, 1.0]))
         assert np.allclose(x, [1, -1], atol=1e-9)

@@ -20,7 +20,7 @@ from pinograsp.forces import (
     optimize_forces,
     optimize_grasp,
 )
-from pinograsp.forces.backends import Backends
+from pinograsp.forces.solver_order import SolverOrder
 
 
 def least_peak(problem) -> float:
@@ -160,7 +160,7 @@ def test_torque_limits_narrow_the_search(make_problem, contacts):
 def test_interrupted_search_keeps_its_best_and_a_valid_bound(make_problem, monkeypatch):
     problem = make_problem(balance="wrench", measure="impulse")
     full = optimize_grasp(problem)
-    solve, calls = Backends.solve, []
+    solve, calls = SolverOrder.solve, []
 
     def interrupted(*args, **settings):
         calls.append(1)
@@ -168,7 +168,7 @@ def test_interrupted_search_keeps_its_best_and_a_valid_bound(make_problem, monke
             raise KeyboardInterrupt
         return solve(*args, **settings)
 
-    monkeypatch.setattr(Backends, "solve", interrupted)
+    monkeypatch.setattr(SolverOrder, "solve", interrupted)
     part = optimize_grasp(problem)
     assert part.status is Status.INTERRUPTED and part.found
     assert part.certificate.lower_bound <= full.certificate.objective <= part.certificate.objective
@@ -177,7 +177,7 @@ def test_interrupted_search_keeps_its_best_and_a_valid_bound(make_problem, monke
 
 def test_unusable_settings(make_problem):
     problem = make_problem()
-    for bad in ({"gap": 0}, {"gap": 1e-12}, {"gap": float("nan")}, {"objective": "beauty"}, {"backend": "magic"}):
+    for bad in ({"gap": 0}, {"gap": 1e-12}, {"gap": float("nan")}, {"objective": "beauty"}, {"solver": "magic"}):
         with pytest.raises(InvalidInput):
             optimize_grasp(problem, **bad)
 

@@ -32,7 +32,7 @@ from random_grasps import (
 from pinograsp import core
 from pinograsp.contacts import ContactSet, DecelerationShape, Friction, MarhefkaOrin, contacts_at
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces import SOLVERS, ForceProblem, TorqueLimits, diagnose, optimize_forces, optimize_grasp
+from pinograsp.forces import QP_SOLVERS, ForceProblem, TorqueLimits, diagnose, optimize_forces, optimize_grasp
 from pinograsp.motion import torque_limits
 from pinograsp.spatial import rotation_rpy
 
@@ -40,19 +40,19 @@ from pinograsp.spatial import rotation_rpy
 
 
 # Named, since "auto" depends on what has been loaded. The compiled methods are an extra.
-BACKENDS = ("default", "newton", "interior") if core.installed() else ("default",)
+SOLVERS = ("default", "newton", "interior") if core.installed() else ("default",)
 # The other two models take the same ways through the code, and their time: slow.
 SOME_FAMILIES = [
     pytest.param(family, marks=[] if family in ("pyramid", "cone") else [pytest.mark.slow]) for family in FAMILIES
 ]
 
 
-def judged(grasp, backend, expectation):
+def judged(grasp, solver, expectation):
     """The verdict, the relative difference from the oracle's optimum (NaN without one), and all that is wrong."""
     p, t = grasp.problem, grasp.impact_time
     status, expected, who = expectation
-    solver = ("daqp" if p.k <= 20 else "clarabel") if backend == "default" else backend
-    found = optimize_forces(p, t, objective=grasp.objective, backend=solver)
+    solver = ("daqp" if p.k <= 20 else "clarabel") if solver == "default" else solver
+    found = optimize_forces(p, t, objective=grasp.objective, solver=solver)
     verdict, difference, wrong = str(found.status), np.nan, []
     if found.status is Status.OK:
         size = size_of(p, t, grasp.objective, expected if status == "optimal" else found.certificate.objective)
@@ -77,7 +77,7 @@ def judged(grasp, backend, expectation):
             verdict = "at the limit"
         else:
             wrong.append(f"{found.status}, but {who} says {status}; load factors {limits}")
-    return verdict, difference, [f"{grasp}, {backend} solver: {what}" for what in wrong]
+    return verdict, difference, [f"{grasp}, {solver} solver: {what}" for what in wrong]
 
 
 def answer_errors(found, objective, size, tolerance=1e-8):
@@ -137,12 +137,12 @@ def proof_errors(problem, t, proof):
 
 def assert_agreement(grasps, *, split=None):
     """Every grasp right, borderline ones rare; ``split``: least share of feasible and of infeasible ones."""
-    verdicts, worst, wrong = {backend: [] for backend in BACKENDS}, 0.0, []
+    verdicts, worst, wrong = {solver: [] for solver in SOLVERS}, 0.0, []
     for grasp in grasps:
         expectation = optimum(grasp)
-        for backend in BACKENDS:
-            verdict, difference, errors = judged(grasp, backend, expectation)
-            verdicts[backend].append(verdict)
+        for solver in SOLVERS:
+            verdict, difference, errors = judged(grasp, solver, expectation)
+            verdicts[solver].append(verdict)
             worst = max(worst, 0.0 if np.isnan(difference) else difference)
             wrong += errors
     counts = {name: {verdict: all_.count(verdict) for verdict in sorted({*all_})} for name, all_ in verdicts.items()}
@@ -234,9 +234,9 @@ def test_all_solvers_find_the_same_optimum(seed):
     grasp = random_grasp(seed, family="pyramid", k=5, degenerate="", load="plain")
     status, expected, _ = optimum(grasp)
     assert status == "optimal"
-    for solver in SOLVERS:
-        found = optimize_forces(grasp.problem, grasp.impact_time, objective=grasp.objective, backend=solver)
-        assert found.status is Status.OK and found.backend == solver
+    for solver in QP_SOLVERS:
+        found = optimize_forces(grasp.problem, grasp.impact_time, objective=grasp.objective, solver=solver)
+        assert found.status is Status.OK and found.solver == solver
         assert found.certificate.objective == pytest.approx(expected, rel=1e-6)
 
 
@@ -244,8 +244,8 @@ def test_all_solvers_find_the_same_optimum(seed):
 def test_dense_solvers_handle_round_cones_too(model):
     grasp = random_grasp(11, family=model, k=6, degenerate="", load="plain", torques=False)
     values = [
-        optimize_forces(grasp.problem, grasp.impact_time, objective="work", backend=solver).certificate.objective
-        for solver in SOLVERS
+        optimize_forces(grasp.problem, grasp.impact_time, objective="work", solver=solver).certificate.objective
+        for solver in QP_SOLVERS
     ]
     assert np.ptp(values) <= 1e-6 * min(values)
 
@@ -284,7 +284,7 @@ def test_one_to_sixty_contacts():
 )
 @pytest.mark.parametrize("solver", ["auto", "clarabel"])
 def test_the_case_study_has_this_optimum(make_problem, balance, work_mJ, forces, solver):
-    found = optimize_forces(make_problem(balance=balance, measure="work"), 0.9, backend=solver)
+    found = optimize_forces(make_problem(balance=balance, measure="work"), 0.9, solver=solver)
     assert found.status is Status.OK and found.weights == {"work": 1.0}
     assert f"{1e3 * found.work:.2f}" == f"{1e3 * found.certificate.objective:.2f}" == work_mJ
     assert tuple(f"{F:.3f}" for F in found.normal_forces) == forces
@@ -632,14 +632,14 @@ def test_joints_that_no_contact_loads_are_no_hindrance(make_problem, limits, mod
     """The compiled method solves the problem of a hand that uses some of its fingers; gravity alone may be too much."""
     assert np.any(np.abs(limits.jacobian).max(axis=(0, 1)) == 0)
     problem = make_problem(balance="wrench", friction=Friction(model=model), torques=limits)
-    ours, other = (optimize_forces(problem, 0.85, objective="work", backend=name) for name in ("interior", "clarabel"))
-    assert ours.backend == "interior" and ours.certificate.is_optimal()
+    ours, other = (optimize_forces(problem, 0.85, objective="work", solver=name) for name in ("interior", "clarabel"))
+    assert ours.solver == "interior" and ours.certificate.is_optimal()
     assert ours.certificate.objective == pytest.approx(other.certificate.objective, rel=1e-6)
     idle = int(np.flatnonzero(np.abs(limits.jacobian).max(axis=(0, 1)) == 0)[0])
     bias = limits.bias.copy()
     bias[idle] = 2 * limits.limit[idle]
     heavy = replace(problem, torques=replace(limits, bias=bias))
-    assert optimize_forces(heavy, 0.85, objective="work", backend="interior").status is Status.INFEASIBLE
+    assert optimize_forces(heavy, 0.85, objective="work", solver="interior").status is Status.INFEASIBLE
 
 
 def test_motor_heat_is_the_sum_of_squared_torques(make_problem, limits):
@@ -773,9 +773,9 @@ def test_impact_times_outside_the_motion_are_refused(make_problem, search, impac
         ({"objective": {"work": 0.0, "peak": 0.0}}, "at least one weight above 0"),
         ({"objective": {"work": 1.0, "speed": 1.0}}, "objective: expected one of"),
         ({"objective": "motor_heat"}, "torques"),
-        ({"backend": "gurobi"}, "backend: expected one of"),
-        ({"backend": "DAQP"}, "backend: expected one of"),
-        ({"backend": None}, "backend: expected one of"),
+        ({"solver": "gurobi"}, "solver: expected one of"),
+        ({"solver": "DAQP"}, "solver: expected one of"),
+        ({"solver": None}, "solver: expected one of"),
     ],
 )
 def test_unknown_objectives_and_solvers_are_refused(make_problem, options, message):

@@ -88,7 +88,7 @@ def test_every_sample_is_a_problem_of_its_own(name):
             for contact, p, n in zip(contacts, found.points_o[i], found.normals_o[i])
         )
         one = replace(problem, contacts=replace(contacts, contacts=moved), mu=found.mu[i], load=found.loads[i])
-        status = pg.optimize_forces(one, IMPACT, objective="work", backend="clarabel").status
+        status = pg.optimize_forces(one, IMPACT, objective="work", solver="clarabel").status
         assert (status is Status.OK) == found.held[i]
     assert np.all(found.squeeze(0.95) >= found.squeeze(0.5)) and found.squeeze(1.0).max() == found.normal_forces.max()
 

@@ -170,16 +170,16 @@ def test_the_reserve_of_friction_adds_to_the_safety_factor(make_problem):
     assert np.all(kept.min_normal_force == 2.0)  # what the problem asked for is more
 
 
-@pytest.mark.parametrize("backend", ["auto", "newton", "interior", "clarabel"])
-def test_least_normal_forces(make_problem, backend):
+@pytest.mark.parametrize("solver", ["auto", "newton", "interior", "clarabel"])
+def test_least_normal_forces(make_problem, solver):
     problem = make_problem(balance="wrench", friction=CONE, measure="work")
-    free = pg.optimize_forces(problem, 0.85, backend=backend)
+    free = pg.optimize_forces(problem, 0.85, solver=solver)
     floor = free.normal_forces + [0.0, 0.5, 0.0]
-    found = pg.optimize_forces(replace(problem, min_normal_force=floor), 0.85, backend=backend)
+    found = pg.optimize_forces(replace(problem, min_normal_force=floor), 0.85, solver=solver)
     assert found.status is Status.OK and np.all(found.normal_forces >= floor - 1e-6)
     assert found.certificate.objective > free.certificate.objective
     assert found.normal_forces[1] == pytest.approx(floor[1], rel=1e-6) and found.certificate.at_least[1]
-    below = pg.optimize_forces(replace(problem, min_normal_force=1e-3), 0.85, backend=backend)
+    below = pg.optimize_forces(replace(problem, min_normal_force=1e-3), 0.85, solver=solver)
     assert below.certificate.objective == pytest.approx(free.certificate.objective, rel=1e-6)
 
 

@@ -214,7 +214,7 @@ def test_contacts_move_downhill_on_the_surface(name):
         points = better.contacts.points_o
         assert np.hypot(*points.T[:2]) == pytest.approx(np.full(4, 0.03), abs=1e-9)
         assert np.linalg.norm(points - problem.contacts.points_o, axis=1).max() <= 8e-3 * (1 + 1e-9)
-        again = pg.optimize_forces(better.problem, IMPACT, objective=objective, backend="clarabel")
+        again = pg.optimize_forces(better.problem, IMPACT, objective=objective, solver="clarabel")
         assert again.certificate.objective == pytest.approx(better.costs[-1], rel=1e-6)
 
 

@@ -83,30 +83,28 @@ def by_clarabel(socp):
     return clarabel.DefaultSolver(socp.P, socp.q, socp.A, socp.b, socp.cones.clarabel(), settings).solve()
 
 
-@pytest.mark.parametrize("backend", qpsolvers.available_solvers)
+@pytest.mark.parametrize("solver", qpsolvers.available_solvers)
 @pytest.mark.parametrize("objective", ["least_squares", "work"])
-def test_every_solver_that_qpsolvers_finds_is_a_backend(disc, backend, objective):
-    assert backend in forces.available_backends()
-    found = pg.optimize_forces(disc, T_I, objective=objective, backend=backend)
-    expected = pg.optimize_forces(disc, T_I, objective=objective, backend="clarabel")
+def test_every_solver_that_qpsolvers_finds_is_a_solver(disc, solver, objective):
+    assert solver in forces.available_solvers()
+    found = pg.optimize_forces(disc, T_I, objective=objective, solver=solver)
+    expected = pg.optimize_forces(disc, T_I, objective=objective, solver="clarabel")
     assert found.status is Status.OK and found.certificate.is_optimal()
     assert found.certificate.objective == pytest.approx(expected.certificate.objective, rel=1e-5)
 
 
-@pytest.mark.parametrize("backend", sorted({*qpsolvers.available_solvers} & {"highs", "osqp", "piqp", "scs"}))
-def test_the_answers_are_the_backend_s_own(disc, backend):
-    assert pg.optimize_forces(disc, T_I, objective="work", backend=backend).backend == backend
+@pytest.mark.parametrize("solver", sorted({*qpsolvers.available_solvers} & {"highs", "osqp", "piqp", "scs"}))
+def test_the_answers_are_the_solver_s_own(disc, solver):
+    assert pg.optimize_forces(disc, T_I, objective="work", solver=solver).solver == solver
 
 
 def test_unknown_solvers_are_refused_with_those_that_are_there(disc):
     for call in (
-        lambda name: pg.optimize_forces(disc, T_I, backend=name),
-        lambda name: pg.optimize_grasp(disc, backend=name),
-        lambda name: pg.ForceSolver(disc, T_I, backend=name),
+        lambda name: pg.optimize_forces(disc, T_I, solver=name),
+        lambda name: pg.optimize_grasp(disc, solver=name),
+        lambda name: pg.ForceSolver(disc, T_I, solver=name),
     ):
-        with pytest.raises(
-            InvalidInput, match=r"backend: expected one of auto, interior, newton, .*daqp.*did you mean"
-        ):
+        with pytest.raises(InvalidInput, match=r"solver: expected one of auto, interior, newton, .*daqp.*did you mean"):
             call("dapq")
     with pytest.raises(InvalidInput, match=r"solver: expected one of .*daqp"):
         pg.grid_search(disc, solver="newton")
@@ -123,10 +121,10 @@ def test_a_qp_solver_of_one_s_own(disc, register, function, objective):
         return function(qp)
 
     register("mine", counted)
-    assert "mine" in forces.available_backends() and "mine" in forces.qp_solvers()
-    found = pg.optimize_forces(disc, T_I, objective=objective, backend="mine")
-    expected = pg.optimize_forces(disc, T_I, objective=objective, backend="daqp")
-    assert calls and (found.status, found.backend) == (Status.OK, "mine")
+    assert "mine" in forces.available_solvers() and "mine" in forces.qp_solvers()
+    found = pg.optimize_forces(disc, T_I, objective=objective, solver="mine")
+    expected = pg.optimize_forces(disc, T_I, objective=objective, solver="daqp")
+    assert calls and (found.status, found.solver) == (Status.OK, "mine")
     assert found.certificate.objective == pytest.approx(expected.certificate.objective, rel=1e-6)
     # The same function takes what to_qp gives.
     qp = forces.to_qp(disc, T_I, objective="least_squares")
@@ -136,12 +134,12 @@ def test_a_qp_solver_of_one_s_own(disc, register, function, objective):
 
 def test_everything_that_takes_a_solver_takes_one_s_own(disc, register):
     register("mine", lambda qp: qpsolvers.solve_problem(qpsolvers.Problem(*qp.matrices), solver="piqp", eps_abs=1e-11))
-    cheapest = pg.optimize_grasp(disc, objective="work", backend="mine", gap=1e-4)
-    assert (cheapest.status, cheapest.backend) == (Status.OK, "mine")
-    solver = pg.ForceSolver(disc, T_I, objective="least_squares", backend="mine")
-    assert solver.solve(0.5 * disc.load).backend == "mine"
+    cheapest = pg.optimize_grasp(disc, objective="work", solver="mine", gap=1e-4)
+    assert (cheapest.status, cheapest.solver) == (Status.OK, "mine")
+    solver = pg.ForceSolver(disc, T_I, objective="least_squares", solver="mine")
+    assert solver.solve(0.5 * disc.load).solver == "mine"
     cone = replace(disc, friction=pg.Friction(model="cone"))
-    assert pg.optimize_forces(cone, T_I, objective="least_squares", backend="mine").backend == "mine"
+    assert pg.optimize_forces(cone, T_I, objective="least_squares", solver="mine").solver == "mine"
     ours = forces.refine_multipliers(disc, cheapest.normal_forces, solver="mine").certificate
     assert ours.objective == pytest.approx(
         forces.refine_multipliers(disc, cheapest.normal_forces).certificate.objective, abs=1e-8
@@ -151,13 +149,13 @@ def test_everything_that_takes_a_solver_takes_one_s_own(disc, register):
 def test_a_cone_solver_of_one_s_own(disc, register):
     register("mine", by_clarabel, takes="socp")
     register("mine, without multipliers", lambda socp: np.array(by_clarabel(socp).x), takes="socp")
-    assert "mine" in forces.available_backends() and "mine" not in forces.qp_solvers()
+    assert "mine" in forces.available_solvers() and "mine" not in forces.qp_solvers()
     for friction in (pg.Friction(), pg.Friction(model="soft", torsion=4e-3)):
         problem = replace(disc, friction=friction)
         expected = pg.optimize_forces(problem, T_I, objective="work").certificate.objective
         for name in ("mine", "mine, without multipliers"):
-            found = pg.optimize_forces(problem, T_I, objective="work", backend=name)
-            assert (found.status, found.backend) == (Status.OK, name)
+            found = pg.optimize_forces(problem, T_I, objective="work", solver=name)
+            assert (found.status, found.solver) == (Status.OK, name)
             assert found.certificate.objective == pytest.approx(expected, rel=1e-6)
 
 
@@ -181,11 +179,11 @@ def _boast(program):
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_wrong_answer_is_never_accepted(disc, register, takes, wrong):
     register("wrong", WRONG[wrong], takes=takes)
-    found = pg.optimize_forces(disc, T_I, objective="least_squares", backend="wrong")
-    assert found.status is Status.OK and found.backend in ("daqp", "clarabel")
+    found = pg.optimize_forces(disc, T_I, objective="least_squares", solver="wrong")
+    assert found.status is Status.OK and found.solver in ("daqp", "clarabel")
     expected = pg.optimize_forces(disc, T_I, objective="least_squares").certificate.objective
     assert found.certificate.objective == pytest.approx(expected, rel=1e-6)
-    hopeless = pg.optimize_forces(disc.with_load(1e6 * disc.load), T_I, objective="least_squares", backend="wrong")
+    hopeless = pg.optimize_forces(disc.with_load(1e6 * disc.load), T_I, objective="least_squares", solver="wrong")
     assert hopeless.status is Status.INFEASIBLE and hopeless.infeasibility.margin > 0
 
 
@@ -199,13 +197,13 @@ def test_what_a_function_does_wrong_is_said(disc, register):
     register("broken", broken)
     for name, match in (("short", "x from solver 'short'.*9"), ("short multipliers", "y from"), ("text", "x from")):
         with pytest.raises(InvalidInput, match=match):
-            pg.optimize_forces(disc, T_I, objective="least_squares", backend=name)
+            pg.optimize_forces(disc, T_I, objective="least_squares", solver=name)
     with pytest.raises(ZeroDivisionError, match="mine"):
-        pg.optimize_forces(disc, T_I, backend="broken")
+        pg.optimize_forces(disc, T_I, solver="broken")
     # Cones are solved by QPs that need the last one's multipliers.
     register("alone", lambda qp: alternating(qp).x)
     with pytest.raises(InvalidInput, match="'alone'.*cones.*takes='socp'"):
-        pg.optimize_forces(replace(disc, friction=pg.Friction(model="cone")), T_I, backend="alone")
+        pg.optimize_forces(replace(disc, friction=pg.Friction(model="cone")), T_I, solver="alone")
 
 
 def test_names_are_free_once(disc, register):
@@ -223,9 +221,9 @@ def test_names_are_free_once(disc, register):
         forces.unregister_solver("daqp")
     forces.register_solver("brief", alternating)
     forces.unregister_solver("brief")
-    assert "brief" not in forces.available_backends()
-    with pytest.raises(InvalidInput, match="backend"):
-        pg.optimize_forces(disc, T_I, backend="brief")
+    assert "brief" not in forces.available_solvers()
+    with pytest.raises(InvalidInput, match="solver"):
+        pg.optimize_forces(disc, T_I, solver="brief")
 
 
 def test_a_function_cannot_spoil_what_is_kept(register):
@@ -239,6 +237,6 @@ def test_a_function_cannot_spoil_what_is_kept(register):
 
     register("spoiling", spoiled)
     grasp = random_grasp(3, family="pyramid", torques=True, load="plain", degenerate="")
-    solver = pg.ForceSolver(grasp.problem, grasp.impact_time, objective="least_squares", backend="spoiling")
+    solver = pg.ForceSolver(grasp.problem, grasp.impact_time, objective="least_squares", solver="spoiling")
     first, second = solver.solve(), solver.solve()
     assert first.status == second.status and np.array_equal(first.forces_c, second.forces_c)

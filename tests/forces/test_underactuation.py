@@ -130,9 +130,9 @@ def test_one_squeeze_for_several_loads_keeps_to_them_under_its_own(seed):
 def test_compiled_and_general_methods_agree(seed):
     problem = underactuated(seed, 2, friction=0.01)
     ours, other = (
-        optimize_forces(problem, IMPACT, objective="least_squares", backend=name) for name in ("interior", "clarabel")
+        optimize_forces(problem, IMPACT, objective="least_squares", solver=name) for name in ("interior", "clarabel")
     )
-    assert (ours.status, ours.backend) == (Status.OK, "interior") and other.backend == "clarabel"
+    assert (ours.status, ours.solver) == (Status.OK, "interior") and other.solver == "clarabel"
     assert ours.forces_c == pytest.approx(other.forces_c, rel=1e-3, abs=1e-4 * np.abs(other.forces_c).max())
 
 

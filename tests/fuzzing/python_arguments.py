@@ -260,7 +260,7 @@ def _fill() -> None:
         problem=w.problem,
         impact_time=0.9,
         objective={"work": 1.0, "least_squares": 1e-4},
-        backend="auto",
+        solver="auto",
     )
     call(
         pg.optimize_forces,
@@ -268,11 +268,11 @@ def _fill() -> None:
         problem=w.problem,
         impact_time=0.9,
         objective="peak",
-        backend="clarabel",
+        solver="clarabel",
     )
-    call(pg.optimize_grasp, problem=w.problem, objective="work", backend="auto", gap=1e-3, progress=False)
-    call(pg.ForceSolver, problem=w.problem, impact_time=0.9, objective="work", backend="clarabel")
-    call(pg.ForceSolver(w.problem, 0.9, backend="clarabel").solve, load=problem["load"])
+    call(pg.optimize_grasp, problem=w.problem, objective="work", solver="auto", gap=1e-3, progress=False)
+    call(pg.ForceSolver, problem=w.problem, impact_time=0.9, objective="work", solver="clarabel")
+    call(pg.ForceSolver(w.problem, 0.9, solver="clarabel").solve, load=problem["load"])
     qp, socp = forces.to_qp(w.paper, 0.9, objective="least_squares"), forces.to_socp(w.problem, 0.9, objective="work")
     call(forces.to_qp, problem=w.paper, impact_time=0.9, objective="least_squares")
     call(forces.to_socp, problem=w.problem, impact_time=0.9, objective={"work": 1.0, "peak": 0.1})
@@ -332,7 +332,7 @@ def _fill() -> None:
         objective="work",
         reach=1e-3,
         tolerance=1e-2,
-        backend="auto",
+        solver="auto",
     )
     k = len(w.contacts)
     n = w.hand.n

@@ -21,39 +21,39 @@ from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
 from pinograsp.forces.registry import Takes, asked, register, registered
-from pinograsp.forces.solvers import OwnSolver, qp_solvers
+from pinograsp.forces.solvers import OwnQPSolver, qp_solvers
 from pinograsp.forces.template import Template
 
 _USEFUL = 1e-3  # relative to the load: forces that miss their limits by more are not recorded
 CompiledName = Literal["interior", "newton"]
 COMPILED: tuple[CompiledName, ...] = get_args(CompiledName)
-OwnBackend = Literal["auto", CompiledName, OwnSolver]
+OwnSolver = Literal["auto", CompiledName, OwnQPSolver]
 # For completion; registered ones have any name.
-BackendName: TypeAlias = OwnBackend | str
-# Those that come with the package; all that are there: available_backends().
-BACKENDS: tuple[OwnBackend, ...] = get_args(OwnBackend)
+SolverName: TypeAlias = OwnSolver | str
+# Those that come with the package; all that are there: available_solvers().
+SOLVERS: tuple[OwnSolver, ...] = get_args(OwnSolver)
 # Up to here a dense active-set method is faster on pyramids than a sparse interior-point method (benchmarks/forces.py).
 _DENSE_UP_TO = 20
 
 
-def available_backends() -> tuple[str, ...]:
-    """Names that ``backend=`` takes here: the compiled methods, every solver that qpsolvers finds, registered ones."""
+def available_solvers() -> tuple[str, ...]:
+    """Names that ``solver=`` takes here: the compiled methods, every solver that qpsolvers finds, registered ones."""
     return ("auto", *COMPILED, *dict.fromkeys((*qp_solvers(), *registered())))
 
 
-def checked_backend(name: str) -> str:
-    """``name`` if it is a backend that is there; else :class:`~pinograsp.errors.InvalidInput` with those that are."""
-    return one_of("backend", name, available_backends())
+def check_solver(name: str) -> str:
+    """``name`` if it is a solver that is there; else :class:`~pinograsp.errors.InvalidInput` with those that are."""
+    return one_of("solver", name, available_solvers())
 
 
 def register_solver(name: str, function: Callable[[Any], Any], *, takes: Takes = "qp") -> None:
-    """Make a solver of your own a backend: ``optimize_forces(problem, t, backend=name)``.
+    """Let a solver of your own be called by its name: ``optimize_forces(problem, t, solver=name)``.
 
     Whatever it returns is judged by this package's own certificate; where that fails, DAQP and Clarabel follow as with
-    every backend. Names are kept in this process: workers of a sweep have to register their own.
+    every solver. Names are kept in this process: workers of a sweep have to register their own.
 
     Args:
-        name: free so far (:func:`available_backends`).
+        name: free so far (:func:`available_solvers`).
         function: takes a program and returns x (n,), or a :class:`SolverAnswer` with multipliers (solutions of
             qpsolvers and Clarabel do as well), or None where it finds none. Without multipliers the lower bound is
             proven with those of one more solve of this package's own. Its exceptions are passed on.
@@ -64,7 +64,7 @@ def register_solver(name: str, function: Callable[[Any], Any], *, takes: Takes =
     Raises:
         InvalidInput: a name that is taken, no function, an unknown kind of program.
     """
-    register(name, function, takes, available_backends())
+    register(name, function, takes, available_solvers())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,30 +73,30 @@ class Outcome:
 
     Attributes:
         status: ``OK``, ``INFEASIBLE`` or ``INACCURATE``.
-        backend: the method that answered; for a proof the first method tried, "" if there was none.
+        solver: the method that answered; for a proof the first method tried, "" if there was none.
         forces: with their certificate; for an inaccurate outcome the best that were found, or None.
         infeasibility: the proof that there are no forces, or None.
     """
 
     status: Status
-    backend: str
+    solver: str
     forces: CertifiedForces | None = None
     infeasibility: Infeasibility | None = None
 
 
-class Backends:
+class SolverOrder:
     """The methods that solve the programs of these matrices, each prepared when it is first used.
 
     Attributes:
         order: names of the methods, in the order in which they are tried.
     """
 
-    def __init__(self, matrices: Matrices, backend: str):
+    def __init__(self, matrices: Matrices, solver: str):
         """With "auto" the order depends on the matrices and on whether the core is installed, and on nothing else."""
         general = ("daqp", "clarabel") if matrices.k <= _DENSE_UP_TO else ("clarabel", "daqp")
-        if backend == "auto":
-            backend = (compiled_method(matrices) if core.installed() else "") or general[0]
-        self.order = tuple(dict.fromkeys((backend, *general)))
+        if solver == "auto":
+            solver = (compiled_method(matrices) if core.installed() else "") or general[0]
+        self.order = tuple(dict.fromkeys((solver, *general)))
         self._matrices = matrices
         self._dense: dict[str, DenseMethod] = {}
         self._conic: ConicMethod | None = None
@@ -119,24 +119,24 @@ class Backends:
         ``first`` is tried before the others. ``tried``: the first of ``order`` was tried elsewhere, without success.
         """
         if np.any(program.lo > program.hi):
-            return Outcome(status=Status.INFEASIBLE, backend="", infeasibility=prove(problem, program))
+            return Outcome(status=Status.INFEASIBLE, solver="", infeasibility=prove(problem, program))
         order = self.order if not first else tuple(dict.fromkeys((first, *self.order)))
-        best = Outcome(status=Status.INACCURATE, backend=order[0])
+        best = Outcome(status=Status.INACCURATE, solver=order[0])
         for name in order:
             answer = None if tried and name == self.order[0] else self._answer(problem, program, name)
             if answer is None or not all(np.abs(part).max(initial=0.0) < HUGE for part in answer[:3]):
                 continue
             found = certify(problem, program, answer)
             if found.certificate.is_optimal():
-                return Outcome(status=Status.OK, backend=name, forces=found)
+                return Outcome(status=Status.OK, solver=name, forces=found)
             # Recorded if nothing better follows: the answer that misses its limits least.
             violation = found.certificate.violation
             if violation <= _USEFUL * program.force_scale and (
                 best.forces is None or violation < best.forces.certificate.violation
             ):
-                best = Outcome(status=Status.INACCURATE, backend=name, forces=found)
+                best = Outcome(status=Status.INACCURATE, solver=name, forces=found)
         proof = prove(problem, program)
-        return best if proof is None else Outcome(status=Status.INFEASIBLE, backend=order[0], infeasibility=proof)
+        return best if proof is None else Outcome(status=Status.INFEASIBLE, solver=order[0], infeasibility=proof)
 
     def _answer(self, problem: ForceProblem, program: Program, name: str) -> Answer | None:
         if name in COMPILED:
