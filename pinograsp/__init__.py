@@ -4,21 +4,33 @@ The public names are those of ``__init__.pyi``, and the rooms (``pinograsp.force
 loaded on first use, so that ``import pinograsp`` stays quick.
 """
 
+import ast
 import importlib
+from pathlib import Path
 
-import lazy_loader
 
-from pinograsp.showing import drawn_by as _drawn_by
+def _read_stub() -> dict[str, str]:
+    """The module of each public name, as the stub beside this file tells type checkers."""
+    tree = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    return {alias.name: f"{__name__}.{node.module or alias.name}" for node in imports for alias in node.names}
 
-_named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+_MODULES = _read_stub()
+__all__ = sorted(_MODULES)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
 
 
 def __getattr__(name: str) -> object:
     """The public names, the rooms, and ``__version__``: that of the installed package, or of the sources around."""
     if name == "__version__":
         return _version()
-    if name in __all__:
-        return _named(name)
+    if name in _MODULES:
+        module = importlib.import_module(_MODULES[name])
+        return globals().setdefault(name, getattr(module, name, module))
     if not name.startswith("_"):
         if name in (rooms := _rooms()):
             return importlib.import_module(f"{__name__}.{name}")
@@ -37,7 +49,6 @@ def _rooms() -> list[str]:
 
 def _version() -> str:
     from importlib.metadata import PackageNotFoundError, version
-    from pathlib import Path
 
     try:
         return version(__name__)
@@ -46,12 +57,3 @@ def _version() -> str:
         lines = project.read_text(encoding="utf-8").splitlines() if project.is_file() else []
         found = [line.split('"')[1] for line in lines if line.startswith('version = "')]
         return found[0] if found else "unknown"
-
-
-def _html_of(record: object) -> str | None:
-    from pinograsp.notebook import html_of
-
-    return html_of(record)
-
-
-_drawn_by(_html_of)

@@ -15,6 +15,7 @@ from pinograsp.checks import one_line
 
 _MOST_DIGITS, _MOST_DOCUMENTS = 400, 1000  # of a number, and of a YAML file
 _NUMBER = re.compile(r"[-+]?(?:\d+(\.\d*)?|(\.\d+))([eE][-+]?\d+)?", re.ASCII)  # 1e-5 too, which is a text to YAML 1.1
+_BOOL = re.compile("true|false", re.IGNORECASE)
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -140,6 +141,8 @@ class YamlValues:
                     raise ValueError("expected texts as keys, each once")
                 self._more(1)
                 self._value(self._loader.get_event(), functools.partial(value.__setitem__, key.value), depth + 1)
+            if isinstance(merged := value.pop("<<", None), dict):
+                value.update({**merged, **value})
         if late:
             put(value)
         return value
@@ -151,7 +154,13 @@ class YamlValues:
                 raise ValueError("expected numbers, got one of too many digits")
             return float(text) if any(number.groups()) else int(text)
         tag = self._loader.resolve(yaml.ScalarNode, text, event.implicit)
-        if tag.rpartition(":")[2] not in ("int", "float", "bool", "null"):
+        kind = tag.rpartition(":")[2]
+        # Of YAML 1.1 only what YAML 1.2 has as well: "on", "no" and "1:30" are texts.
+        if (
+            kind not in ("int", "float", "bool", "null")
+            or ":" in text
+            or (kind == "bool" and not _BOOL.fullmatch(text))
+        ):
             return text
         if len(text) > _MOST_DIGITS:
             raise ValueError("expected numbers, got one of too many digits")

@@ -1,23 +1,19 @@
-"""How records show in a notebook: what draws them is above all of them, and the front door names it here."""
+"""How records show in a notebook."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-_drawing: list[Callable[[object], str | None]] = []
-
-
-def drawn_by(html_of: Callable[[object], str | None]) -> None:
-    """Let ``html_of`` draw records: their HTML, or None for those that show as text."""
-    _drawing[:] = [html_of]
+import importlib
 
 
 def in_notebook(self: object) -> str | None:
     """``_repr_html_`` of a record: a picture where there is something to see, and its main figures.
 
-    None, which stands for the text, where it cannot be drawn: showing a record never fails.
+    What draws it is above all records, and found by way of the front door, which loads it when it is asked for. None,
+    which stands for the text, where it cannot be drawn: showing a record never fails.
     """
     try:
-        return _drawing[0](self) if _drawing else None
+        package = importlib.import_module(__name__.partition(".")[0])
+        html: str | None = package.notebook.html_of(self)
+        return html
     except Exception:
         return None

@@ -41,6 +41,15 @@ def test_numbers_without_a_point_before_the_exponent():
     assert plain_yaml(b"[1e-05, -2E3, 010, 1., '1e5']", 5, 100) == [[1e-5, -2000.0, 10, 1.0, "1e5"]]
 
 
+def test_texts_are_those_of_yaml_1_2():
+    text = b"[on, no, yes, 1:30, 2026-01-01, true, FALSE, null, ~, .inf, 0x1F]"
+    assert plain_yaml(text, 5, 100) == [
+        ["on", "no", "yes", "1:30", "2026-01-01", True, False, None, None, float("inf"), 31]
+    ]
+    merged = b"a: &a {x: 1, y: 2}\nb: {<<: *a, y: 3}"
+    assert plain_yaml(merged, 5, 100) == [{"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 3}}]
+
+
 def test_a_document_that_breaks_off_is_there_up_to_there():
     values = YamlValues("a: 1\nb: {c: 2}\nd: [1, {e: 3}, [", 5, 100)
     with pytest.raises(yaml.YAMLError):

@@ -10,13 +10,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-import numpy as np
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
-from ruamel.yaml import YAML
 
 from pinograsp.checks import items_of, mapping_of, shown
 from pinograsp.errors import CaseRejected
+from pinograsp.plain import plain_yaml
 
 _DEEPEST, _MOST_PARTS = 50, 3_000_000  # nesting of lists and mappings, and number of values with aliases expanded
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -71,12 +70,11 @@ def read_mapping(path: Path, kind: str, name: str, wanted: str, biggest: int, ke
             raise CaseRejected(
                 f"{what}: {max(len(content), path.stat().st_size)} bytes; a {kind} file has at most {biggest}"
             )
-        data = _parse_yaml(content.decode("utf-8"), what)
-    except (OSError, UnicodeDecodeError) as error:
+        data = _parse_yaml(content, what)
+    except OSError as error:
         raise CaseRejected(f"{what} cannot be read: {error}") from error
     if not isinstance(data, dict):
         raise CaseRejected(f"{what}: expected a mapping with {keys}, got {type(data).__name__}")
-    check_extent(data, what)
     return data
 
 
@@ -92,28 +90,26 @@ def check_extent(data: object, what: str) -> None:
             inner = one
         parts += len(inner)
         if depth > _DEEPEST:
-            raise CaseRejected(f"{what}: expected at most {_DEEPEST} nested lists and mappings")
+            raise CaseRejected(f"{what}: expected at most {_DEEPEST} mappings and lists within each other")
         if parts > _MOST_PARTS:
             raise CaseRejected(f"{what}: expected at most {_MOST_PARTS} values, aliases expanded")
         left += [(part, depth + 1) for part in inner if isinstance(part, dict | list | tuple | set)]
 
 
-def _parse_yaml(text: str, what: str) -> Any:
-    opened = np.cumsum([(char in "[{") - (char in "]}") for char in text if char in "[]{}"] or [0])
-    if opened.max() > 2 * _DEEPEST:  # the reader would take many seconds; quoted texts may contain brackets as well
-        raise CaseRejected(f"{what}: expected at most {_DEEPEST} nested lists and mappings")
+def _parse_yaml(content: bytes, what: str) -> Any:
     try:
-        return deepcopy(_loaded(text))
-    except RecursionError:
-        raise CaseRejected(f"{what}: expected at most {_DEEPEST} nested lists and mappings") from None
-    except Exception as error:  # numbers, dates, keys and tags that cannot be built raise errors of many kinds
-        raise CaseRejected(f"{what}: not valid YAML: {' '.join(str(error).split())}") from error
+        return deepcopy(_read(content))
+    except ValueError as error:
+        raise CaseRejected(f"{what}: not valid YAML: {error}") from error
 
 
 @lru_cache(maxsize=4)
-def _loaded(text: str) -> Any:
+def _read(content: bytes) -> Any:
     """What YAML says; kept, since sweeps read the same case for each of thousands of rows."""
-    return YAML(typ="safe", pure=True).load(text)
+    documents = plain_yaml(content, _DEEPEST, _MOST_PARTS)
+    if len(documents) > 1:
+        raise ValueError(f"expected one document, got {len(documents)}")
+    return documents[0] if documents else None
 
 
 def changes_of(changes: Mapping[str, object], texts: Iterable[str] = ()) -> dict[str, Any]:
@@ -124,7 +120,7 @@ def changes_of(changes: Mapping[str, object], texts: Iterable[str] = ()) -> dict
         key, equals, value = change.partition("=")
         if not equals or not key.strip():
             raise CaseRejected(f"--set {change}: expected KEY=VALUE, for example object.mass=1.1")
-        parsed[key.strip()] = _parse_yaml(value, f"--set {change}")
+        parsed[key.strip()] = _parse_yaml(value.encode(errors="surrogateescape"), f"--set {change}")
     return parsed
 
 

@@ -268,8 +268,10 @@ def simplified(vertices: Array, faces: IntArray, most: int) -> tuple[Array, IntA
     """A surface of about ``most`` triangles near the given one."""
     if len(faces) <= most:
         return vertices, faces
-    import fast_simplification
-
+    try:
+        import fast_simplification
+    except ImportError:  # coarser, where the extra viz is not installed
+        return _clustered(vertices, faces, most)
     size = float(np.ptp(vertices, axis=0).max()) or 1.0  # it works with single precision
     points, triangles = fast_simplification.simplify(
         (vertices / size).astype(np.float32), faces.astype(np.int32), target_count=most

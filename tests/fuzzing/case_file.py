@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import copy
-import io
 from pathlib import Path
 
 import numpy as np
-from ruamel.yaml import YAML
+import yaml
 
 PAPER = {
     "schema": 1,
@@ -251,11 +250,8 @@ def pick(rng, values: list):
 
 
 def text_of(data) -> bytes:
-    stream = io.StringIO()
-    yaml = YAML(typ="safe", pure=True)
-    yaml.allow_unicode = bool(len(str(data)) % 2)
-    yaml.dump(data, stream)
-    return stream.getvalue().encode("utf-8", "surrogatepass")
+    text: str = yaml.safe_dump(data, allow_unicode=bool(len(str(data)) % 2))
+    return text.encode("utf-8", "surrogatepass")
 
 
 def damaged(rng, content: bytes) -> bytes:

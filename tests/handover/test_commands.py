@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from ruamel.yaml import YAML
+import yaml
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput, ResultsNotWritten
@@ -226,7 +226,7 @@ def test_gripper_goal_has_the_fields_and_units_of_ros2(panda, tmp_path):
     assert force == pytest.approx(panda.forces.normal_forces.mean(), rel=1e-3)  # one jaw
     # It closes as far as it can, or it would stop where it presses with nothing.
     assert command["position"] == [panda.hand.lower[0]] and command["position"][0] < panda.motion.q[-1, 0]
-    assert YAML(typ="safe").load(path.read_text()) == message
+    assert yaml.safe_load(path.read_text()) == message
     both = panda.to_ros2(tmp_path / "grip.json", command="jaw", followers=True)["command"]
     assert both["name"] == [JOINT, "panda_finger_joint2"] and both["effort"] == pytest.approx([force, force])
     assert json.loads((tmp_path / "grip.json").read_text())["command"] == both

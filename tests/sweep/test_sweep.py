@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from killing import start_and_kill
-from ruamel.yaml import YAML
 
 import pinograsp as pg
 from pinograsp.cases import case as case_module, load_case
@@ -394,7 +394,7 @@ def stopped_after(folder: Path, rows: int, how: signal.Signals, *args, **setting
 
 def write(folder: Path, spec: dict) -> None:
     with (folder / "sweep.yaml").open("w") as stream:
-        YAML(typ="safe", pure=True).dump(spec, stream)
+        yaml.safe_dump(spec, stream)
 
 
 def draws(count: int) -> dict:
@@ -890,13 +890,13 @@ def test_a_case_beside_the_sweep(tmp_path, monkeypatch):
     lab.mkdir()
     settings = load_case("paper", LIGHT).settings()
     with (lab / "mine.yaml").open("w") as stream:
-        YAML(typ="safe", pure=True).dump(settings, stream)
+        yaml.safe_dump(settings, stream)
     write(lab, {"case": "mine.yaml", "over": MASS})
     monkeypatch.chdir(tmp_path)
     assert sweep("lab/sweep.yaml", "out", jobs=1, progress=False).counts == {"ok": 2}
     settings["friction"]["mu"] = 0.8
     with (lab / "mine.yaml").open("w") as stream:
-        YAML(typ="safe", pure=True).dump(settings, stream)
+        yaml.safe_dump(settings, stream)
     with pytest.raises(ResultsNotWritten, match=r"another sweep \(of.friction.mu\)"):
         sweep("lab/sweep.yaml", "out", jobs=1, progress=False)
 
