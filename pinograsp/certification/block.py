@@ -34,6 +34,7 @@ from pinograsp.forces import GraspConditions, Reserve
 from pinograsp.forces.reserve import least_squeeze
 from pinograsp.hands import HandModel
 from pinograsp.hands.drives import ratios_of
+from pinograsp.hands.efforts import exceed_ways
 from pinograsp.motion import effort_of
 from pinograsp.motion.producible import HARDLY, JOINTS, SHIFTS
 from pinograsp.motion.torques import DRY_FRICTION
@@ -361,10 +362,11 @@ class Block:
         return share
 
     def _beyond_drives(self) -> BoolArray:
-        """Which grasps (N,) need torques that drives of several joints, or springs, do not make."""
+        """Which grasps (N,) need torques that drives of several joints or of one direction, or springs, do not make."""
         own, hand = self.own, self.own.hand
+        wrong_way: BoolArray = exceed_ways(hand, self.q, self.torques).any(axis=1)
         if not len(own.ratios):
-            return np.zeros(len(self.q), dtype=bool)
+            return wrong_way
         made = np.zeros_like(self.q)
         for spring in hand.springs:
             joint = hand.joint_names.index(spring.joint)
@@ -372,7 +374,7 @@ class Block:
         off = np.abs((self.torques - made) @ own.ratios.T)
         arms = np.linalg.norm(np.einsum("pj,nkxj->npkx", own.ratios, self.jacobians[:, :, :3]), axis=3)
         borne = DRY_FRICTION * np.einsum("npk,nk->np", arms, self.local[..., 3])
-        return np.asarray((off > borne + 1e-9).any(axis=1), dtype=bool)
+        return wrong_way | (off > borne + 1e-9).any(axis=1)
 
     def certificates(self) -> Certificates:
         """All of it, computed."""

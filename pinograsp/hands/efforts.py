@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pinograsp.hands.model import HandModel
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, BoolArray
 
 # Share of the largest torque that drives, which are fewer than the joints, may leave undone: friction and reserve bear
 # a few per cent. Beyond it a plan has a caution, and its commands are refused.
 SHORTFALL = 0.05
+_ROUNDING = 1e-3  # share of the largest effort: forces lie on their limits
 _STEPS = 2.0  # of an encoder: a servo that is sent less makes its force by chance
 _BEARS = 0.05  # of the largest effort: drives that make less do not matter
 
@@ -45,6 +46,18 @@ def solve_efforts(hand: HandModel, q: Array, torques: Array) -> Efforts:
     drives: Array = wanted @ np.linalg.pinv(made)
     undone = np.abs(wanted - drives @ made).max(axis=0, initial=0.0)
     return Efforts(drives=drives, undone=undone, largest=float(np.abs(wanted).max(initial=0.0)))
+
+
+def exceed_ways(hand: HandModel, q: Array, torques: Array) -> BoolArray:
+    """Which drives (s, m) would have to act the other way than they can to make ``torques`` (s, n) at ``q`` (s, n)."""
+    ranges = [(-np.inf, np.inf) if drive.efforts is None else drive.efforts for drive in hand.drives]
+    if not np.isfinite(ranges).any():
+        return np.zeros((len(q), len(ranges)), dtype=bool)
+    least, most = np.array(ranges).T
+    efforts = solve_efforts(hand, q, torques).drives
+    slack = _ROUNDING * np.abs(efforts).max(axis=1, keepdims=True)
+    beyond: BoolArray = (efforts < least - slack) | (efforts > most + slack)
+    return beyond
 
 
 def below_steps(hand: HandModel, efforts: Array, stiffness: Array) -> list[str]:

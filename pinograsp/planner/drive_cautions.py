@@ -8,7 +8,7 @@ import numpy as np
 
 from pinograsp.forces import ForceSolution
 from pinograsp.hands import HandModel
-from pinograsp.hands.efforts import SHORTFALL, below_steps, solve_efforts
+from pinograsp.hands.efforts import SHORTFALL, below_steps, exceed_ways, solve_efforts
 from pinograsp.hands.servos import unknown_stiffness
 from pinograsp.motion.torques import beyond_limits, drives_limit
 from pinograsp.plan import Motion
@@ -53,10 +53,10 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
 
 def find_wrong_way(hand: HandModel, motion: Motion) -> str:
     """In words, the drive that would have to hold with an effort that it can make the other way only; "": none."""
-    held = solve_efforts(hand, motion.q[-1:], motion.holding_torques[None]).drives[0]
-    slack = _ROUNDING * float(np.abs(held).max(initial=0.0))
-    for drive, effort in zip(hand.drives, held):
-        if drive.efforts is not None and not drive.efforts[0] - slack <= effort <= drive.efforts[1] + slack:
+    q, torques = motion.q[-1:], motion.holding_torques[None]
+    efforts = solve_efforts(hand, q, torques).drives[0]
+    for drive, effort, beyond in zip(hand.drives, efforts, exceed_ways(hand, q, torques)[0]):
+        if beyond and drive.efforts is not None:
             least, most = drive.efforts
             return (
                 f"drive {drive.name} would have to hold with {effort:.3g}, and makes {least:g} to {most:g}: if it can "

@@ -242,6 +242,9 @@ def test_motors_that_act_one_way_hold_that_way_only(way, force, fits):
     at = hand.frame_placements(hand.resting, [hand.palm])[0] @ pose_of([0.0, 0.0, 0.06], np.eye(3))
     body = pg.Box(size=(0.02, 0.03, 0.03), mass=0.1).placed(at)
     conditions = pg.GraspConditions(mu=0.6, reserve=None, friction=pg.Friction(model="soft", torsion=0.01))
+    closed = pg.close_hand(hand, body)
+    (code,) = pg.certify(closed.hand, body, closed.q[None], conditions).reason
+    assert Status.from_code(code) is (Status.HELD if fits else Status.DRIVES)
     if fits:
         effort = pg.plan_grasp_on(hand, body, conditions, progress=False).motion.holding_torques[0]
         assert least - 1e-9 <= effort <= most + 1e-9
