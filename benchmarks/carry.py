@@ -33,8 +33,9 @@ from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
-from pinograsp.carry import carrying, plan_carry
+from pinograsp.carry import passing, plan_carry, squeeze
 from pinograsp.carry.program import CarryProgram, CarrySolution
+from pinograsp.carry.task import CarryTask
 from pinograsp.contacts import Contact, ContactSet, Friction
 from pinograsp.errors import CarryInfeasible, CarryUndecided
 from pinograsp.planner import plan_best
@@ -158,11 +159,11 @@ class Clocks:
 
     def plan(self, case: Case, intervals: int) -> float:
         """Plan, and tell how long it took [s]."""
-        programs, solve = carrying.Carrying._programs, carrying.solve
+        constrain, solve = CarryTask.constrain, passing.solve
 
         def loading(*values):
             start = time.process_time()
-            found = programs(*values)
+            found = constrain(*values)
             self.loads += time.process_time() - start
             return found
 
@@ -172,7 +173,11 @@ class Clocks:
             self.solved.append((program, found, time.process_time() - start))
             return found
 
-        with patch.object(carrying.Carrying, "_programs", loading), patch.object(carrying, "solve", solving):
+        with (
+            patch.object(CarryTask, "constrain", loading),
+            patch.object(passing, "solve", solving),
+            patch.object(squeeze, "solve_program", solving),
+        ):
             start = time.process_time()
             case.plan(intervals)
             return time.process_time() - start

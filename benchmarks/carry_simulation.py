@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 import pinograsp as pg
 from pinograsp.carry import ArmPath, CarryPlan, plan_carry, simulate_carry
-from pinograsp.carry.simulated import LETTING_GO, carry_task, servo_of
+from pinograsp.carry.simulation import LETTING_GO, carry_task, servo_of
 from pinograsp.errors import CarryInfeasible, PinograspError, SimulationDiverged, Status
 from pinograsp.handover import JointTrajectory
 from pinograsp.planner import plan_best

@@ -17,7 +17,7 @@ from results import header, table, write_rows
 
 import pinograsp as pg
 from pinograsp.carry import CarryPlan, plan_carry
-from pinograsp.carry.loads import Carried
+from pinograsp.carry.loads import LoadedRobot
 from pinograsp.errors import CarryInfeasible
 from pinograsp.planner import GraspPlan, plan_best
 
@@ -52,7 +52,7 @@ def jaws(mass: float, mu: float) -> GraspPlan:
 
 def largest_acceleration(plan: CarryPlan) -> float:
     """Of the object's centre of mass [m/s^2]."""
-    carried = Carried.of(plan.robot, plan.grasp)
+    carried = LoadedRobot.carry(plan.robot, plan.grasp)
     weight = carried.along(plan.path, plan.timing.at(plan.instants).s, plan.gravity_o).wrench.still
     return float(np.linalg.norm(plan.loads[:, :3] + weight[:, :3], axis=1).max() / plan.grasp.body.mass)
 

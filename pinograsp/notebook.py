@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from pinograsp.carry import CarryPlan
-from pinograsp.carry.loads import Carried
+from pinograsp.carry.loads import LoadedRobot
 from pinograsp.contacts import Closure, ContactSet
 from pinograsp.errors import Status
 from pinograsp.forces import Certificate, ConvexSolution, ForceProblem, ForceSolution
@@ -293,7 +293,7 @@ def _(plan: CarryPlan) -> _Page:
     peak = int(plan.squeeze.argmax())
 
     def seen() -> Seen:
-        held = Carried.of(plan.robot, plan.grasp)
+        held = LoadedRobot.carry(plan.robot, plan.grasp)
         now = held.axes(plan.q[peak : peak + 1])[0]
         turn, shift = now[:3, :3], now[:3, 3]
         contacts = plan.grasp.contacts

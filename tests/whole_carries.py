@@ -10,8 +10,8 @@ from scipy import sparse
 
 import pinograsp as pg
 from pinograsp.carry import ArmPath
-from pinograsp.carry.loads import Carried
-from pinograsp.carry.programs import ArmLimits, Programs
+from pinograsp.carry.constraints import ArmLimits, GraspLimits, PathConstraints
+from pinograsp.carry.loads import LoadedRobot
 from pinograsp.contacts import Contact, ContactSet, Friction
 from pinograsp.forces import ForceProblem
 from pinograsp.spatial import tangent_frame
@@ -72,16 +72,18 @@ class RandomCarry:
     """A sphere held by contacts at random places, and a random path of the arm."""
 
     path: ArmPath
-    carried: Carried
+    carried: LoadedRobot
     problem: ForceProblem
     range_n: tuple[np.ndarray, np.ndarray]
     limits: ArmLimits
 
-    def programs(self, intervals):
+    def constrain(self, intervals):
         s = np.linspace(0.0, 1.0, intervals + 1)
         loads = self.carried.along(self.path, (s[:-1] + s[1:]) / 2.0, np.array([0.0, 0.0, -9.81]))
         slopes = self.carried.slopes(self.path, s)
-        return Programs(self.problem, self.range_n, self.carried, self.limits, loads, slopes)
+        least, most = self.range_n
+        grasp = GraspLimits(problem=self.problem, least=least, most=most, spare=np.zeros(len(most)))
+        return PathConstraints(grasp=grasp, arm=self.limits, loaded=self.carried, middle=loads, slopes=slopes)
 
 
 def random_path(arm, rng):
@@ -130,7 +132,7 @@ def random_carry(arm, seed, k=None, friction=None):
     effort = np.where(arm.effort > 0, arm.effort, np.inf)
     return RandomCarry(
         path=random_path(arm, rng),
-        carried=Carried(arm, arm, body, arm.resting),
+        carried=LoadedRobot(arm, arm, body, arm.resting),
         problem=problem,
         range_n=(np.zeros(k), np.full(k, float(rng.uniform(8.0, 30.0)))),
         limits=ArmLimits(torque=effort, speed=arm.velocity, acceleration=np.full(arm.n, np.inf)),

@@ -5,6 +5,6 @@ from pinograsp.carry.loads import CarryScenario
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.plan import plan_carry
 from pinograsp.carry.record import CarryPlan
-from pinograsp.carry.simulated import simulate_carry
+from pinograsp.carry.simulation import simulate_carry
 
 __all__ = ["ArmPath", "CarryPlan", "CarryScenario", "plan_carry", "save_carry", "simulate_carry"]

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
+from pinograsp.carry.constraints import PathConstraints
 from pinograsp.carry.program import CarrySolution
-from pinograsp.carry.programs import Programs
 from pinograsp.spatial import Array, BoolArray
 
 _BINDS = 1e-3  # share of the largest multiplier from which on a limit binds
 
 
-def binding_of(programs: Programs, found: CarrySolution, slack: BoolArray | None = None) -> tuple[str, ...]:
+def name_binding(constraints: PathConstraints, found: CarrySolution, slack: BoolArray | None = None) -> tuple[str, ...]:
     """What binds in each interval: the limit whose multiplier, over a relative change of it, is largest.
 
     Args:
-        programs: what was solved.
+        constraints: what was solved for.
         found: its solution: of the least time, or of how fast each interval may be passed by itself.
         slack: intervals (N,) where nothing binds, whatever the multipliers are; None: where they are small.
     """
-    problem, N = programs.problem, programs.count
-    names, S = problem.contacts.names, 1 + len(programs.others)
+    grasp, N, top = constraints.grasp, constraints.count, constraints.top
+    names, S = grasp.problem.contacts.names, 1 + len(constraints.others)
     with np.errstate(invalid="ignore"):
-        size = np.maximum(np.abs(programs.matrices.R_lo), np.abs(programs.matrices.R_hi))
+        size = np.maximum(np.abs(constraints.matrices.R_lo), np.abs(constraints.matrices.R_hi))
     size = np.where(np.isfinite(size), size, 0.0)
 
     def together(values: Array) -> Array:
@@ -31,27 +31,27 @@ def binding_of(programs: Programs, found: CarrySolution, slack: BoolArray | None
 
     rows = together(np.abs(found.rows).sum(axis=0)) if len(size) else np.zeros((N, 0))
     least, most = (together(each) for each in found.normals)
-    torques = problem.torques
-    hand = [] if torques is None or not len(programs.matrices.R) else [f"torque of {j}" for j in torques.limited_joints]
+    torques = grasp.problem.torques if len(constraints.matrices.R) else None
+    hand = [] if torques is None else [f"torque of {joint}" for joint in torques.limited_joints]
     hand += ["what the drives can make"] * (rows.shape[1] - len(hand))
     if slack is None:
-        speeds = found.speeds * programs.top
+        speeds = found.speeds * top
         speeds = np.maximum(speeds[:-1], speeds[1:])
     else:
-        speeds = (found.speeds.reshape(N, 2) * np.stack([programs.top[:-1], programs.top[1:]], axis=1)).sum(axis=1)
+        speeds = (found.speeds.reshape(N, 2) * np.stack([top[:-1], top[1:]], axis=1)).sum(axis=1)
     words = [
         *(f"friction of {name}" for name in names),
         *(f"largest force of {name}" for name in names),
         *(f"least force of {name}" for name in names),
         *hand,
-        *programs.arm_rows[2],
+        *constraints.arm_rows.names,
         "speed of the joints",
     ]
     values = np.concatenate(
         [
             together(found.cones * found.x[..., -1]),
-            most * programs.most,
-            least * np.maximum(programs.least, 1e-3 * programs.most),
+            most * grasp.most,
+            least * np.maximum(grasp.least, 1e-3 * grasp.most),
             rows * size,
             together(found.pairs),
             speeds[:, None],

@@ -61,12 +61,14 @@ class Assembly(NamedTuple):
     pairs: BoolArray
 
     def read_unknowns(self, u: Array) -> tuple[Array, Array]:
-        """Forces (N, k d) and squared speeds, as ``top``, within their limits."""
+        """Forces (N, k d) within friction, and squared speeds, as ``top``, within their limits."""
         program, free = self.program, self.program.free
         forces = program.count * program.A.shape[1]
+        x = u[:forces].reshape(program.count, program.k, -1).copy()
+        x[..., -1] = np.maximum(np.maximum(x[..., -1], program.least), program.friction.gauge(x[..., :-1]))
         y = program.given.copy()
         y[free] = np.clip(u[forces : forces + free.sum()], 1e-12 * program.top[free], program.top[free])
-        return u[:forces].reshape(program.count, -1), y
+        return x.reshape(program.count, -1), y
 
     def read_multipliers(self, z: Array) -> Multipliers:
         """The rows' multipliers; those of what is not in it are 0."""

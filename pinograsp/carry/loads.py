@@ -32,11 +32,7 @@ class Linear(NamedTuple):
     along_b: Array
     still: Array
 
-    def at(self, a: Array, b: Array) -> Array:
-        """The values (m, r) at accelerations and squared speeds (m,)."""
-        return np.asarray(self.along_a * a[:, None] + self.along_b * b[:, None] + self.still)
-
-    def timed(self, a: Array, b: Array) -> Linear:
+    def follow(self, a: Array, b: Array) -> Linear:
         """The same of a known timing (m,), as a function of its speed: ``along_b`` times that squared."""
         moving = self.along_a * a[:, None] + self.along_b * b[:, None]
         return Linear(np.zeros_like(moving), moving, self.still)
@@ -71,13 +67,13 @@ class CarryLoads:
 
     __repr__ = brief()
 
-    def timed(self, a: Array, b: Array) -> CarryLoads:
+    def follow(self, a: Array, b: Array) -> CarryLoads:
         """Those of a known timing: accelerations and squared speeds (m,) of the path parameter."""
         return CarryLoads(
-            wrench=self.wrench.timed(a, b),
-            torque=self.torque.timed(a, b),
+            wrench=self.wrench.follow(a, b),
+            torque=self.torque.follow(a, b),
             speed=self.speed * np.sqrt(b)[:, None],
-            acceleration=self.acceleration.timed(a, b),
+            acceleration=self.acceleration.follow(a, b),
             q=self.q,
         )
 
@@ -111,7 +107,7 @@ AS_PLANNED = CarryScenario()
 _SUGGESTED, _LONGEST = 7, 100  # joints that a refusal suggests others for, and characters of a name
 
 
-class Carried:
+class LoadedRobot:
     """A robot with an object in its hand.
 
     Args:
@@ -154,7 +150,7 @@ class Carried:
             self.model.inertias[self.joint] = self.model.inertias[self.joint] + self.jMo.act(self.inertia)
 
     @classmethod
-    def of(cls, robot: HandModel, grasp: PlanRecord, scenario: CarryScenario = AS_PLANNED) -> Carried:
+    def carry(cls, robot: HandModel, grasp: PlanRecord, scenario: CarryScenario = AS_PLANNED) -> LoadedRobot:
         """What a grasp holds, in a robot's hand.
 
         Raises:

@@ -8,12 +8,16 @@ from typing import Literal, get_args
 
 from numpy.typing import ArrayLike
 
-from pinograsp.carry.carrying import Carrying
+from pinograsp.carry.limits import limit_arm, read_joint_limits
 from pinograsp.carry.loads import CarryScenario
 from pinograsp.carry.passage import Passage
+from pinograsp.carry.passing import pass_fastest, pass_smoothly, pass_timed
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.record import CarryPlan
-from pinograsp.carry.reserve import arm_limits, joint_limits
+from pinograsp.carry.recording import record_plan
+from pinograsp.carry.refusals import refuse_timing
+from pinograsp.carry.squeeze import squeeze_least, squeeze_steadily
+from pinograsp.carry.task import CarrySettings, prepare_task
 from pinograsp.carry.timing import Timing
 from pinograsp.checks import array_of, instance_of, integer, items_of, number, one_of, share_of
 from pinograsp.errors import InvalidInput
@@ -99,33 +103,30 @@ def plan_carry(
         raise InvalidInput("jerk: expected with timing='fastest', got one with a timing that is given")
     rate = _rate_of(squeeze)
     reserve = share_of("reserve", reserve)
-    carrying = Carrying(
-        robot=robot,
-        grasp=grasp,
-        path=way,
-        scenarios=items_of("scenarios", scenarios, CarryScenario),
-        limits=arm_limits(robot, torque_limit, speed, acceleration, reserve),
+    settings = CarrySettings(
+        arm=limit_arm(robot, torque_limit, speed, acceleration, reserve),
         torque_limit=torque_limit,
         reserve=reserve,
-        gravity=array_of("gravity", gravity_o, (3,)),
         disturbance=None if disturbance is None else number("disturbance", disturbance, at_least=0, unit="N"),
+        gravity_o=array_of("gravity", gravity_o, (3,)),
         count=integer("intervals", intervals, at_least=2, at_most=100_000),
     )
+    task = prepare_task(robot, grasp, way, items_of("scenarios", scenarios, CarryScenario), settings)
     ramp = number("ramp", ramp, at_least=0, at_most=10, unit="s")
-    most_jerk = None if jerk is None else joint_limits("jerk", jerk, robot.n)
+    most_jerk = None if jerk is None else read_joint_limits("jerk", jerk, robot.n)
     fastest: Passage | None = None
     if named == "given":
-        passage = carrying.passage(Timing.steady(float(way.duration or 0.0)))
+        passage = pass_timed(task, Timing.steady(float(way.duration or 0.0)))
         if passage.factor < 1.0 - _ROUNDING:
-            raise carrying.too_fast(passage)
+            raise refuse_timing(task, passage)
     else:
-        passage = fastest = carrying.fastest()
+        passage = fastest = pass_fastest(task)
         if ramp or most_jerk is not None:
-            passage = carrying.smoothed(fastest.timing, ramp, most_jerk)
+            passage = pass_smoothly(task, fastest.timing, ramp, most_jerk)
     mark = time.perf_counter()
-    held = carrying.least(passage) if rate is None else carrying.common(passage, rate, slower=fastest is not None)
+    found = squeeze_least(passage) if rate is None else squeeze_steadily(passage, rate, slower=fastest is not None)
     elapsed = {"timing": mark - started, "forces": time.perf_counter() - mark}
-    return carrying.record(held, fastest, elapsed)
+    return record_plan(task, found, fastest, elapsed)
 
 
 def _path_of(path: ArmPath | JointTrajectory | Mapping[str, ArrayLike]) -> ArmPath:

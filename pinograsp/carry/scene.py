@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pinograsp.carry.loads import Carried
+from pinograsp.carry.loads import LoadedRobot
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.timing import Timing
 from pinograsp.handover.quintic import interpolated
@@ -71,7 +71,7 @@ def carry_scene(plan: Shown) -> ViewScene:
         InvalidInput: a grasp without its object.
     """
     robot, grasp = plan.robot, plan.grasp
-    contacts, held = grasp.contacts, Carried.of(robot, grasp)
+    contacts, held = grasp.contacts, LoadedRobot.carry(robot, grasp)
     body = held.body
     duration = plan.timing.duration
     times = np.linspace(0.0, duration, 1 + int(np.clip(round(_RATE * duration), _FEWEST, _MOST)))

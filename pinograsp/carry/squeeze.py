@@ -18,14 +18,100 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-from pinograsp.carry.programs import Programs
+from pinograsp.carry.constraints import PathConstraints
+from pinograsp.carry.passage import Passage
+from pinograsp.carry.solving import solve as solve_program
 from pinograsp.checks import brief
+from pinograsp.errors import CarryInfeasible, CarryUndecided
 from pinograsp.forces.conic import Cone, cone_rows, solve
 from pinograsp.forces.matrices import elastic_reaction
 from pinograsp.spatial import Array
 
 _BALANCED = 1e-6  # error of what was found, over the largest load
 _PROOF = 1e-6  # of a ray that rules forces out, over what it gains
+_FORCES, _LEAST = 1e-6, 1e-3  # relative, of the squared forces: what is asked for, and the gap that is good enough
+_HALVINGS = 9  # of the interval in which the largest factor on the speed lies
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WaySqueeze:
+    """Forces along a passage.
+
+    Attributes:
+        passage: the timing.
+        x: forces (N, k, d), as in a force program.
+        commanded: normal forces that are commanded (N, k) [N].
+        residual: largest error of the balance, over the largest load [-].
+        notes: what the caller should know.
+    """
+
+    passage: Passage
+    x: Array
+    commanded: Array
+    residual: float
+    notes: tuple[str, ...] = ()
+
+    __repr__ = brief("residual")
+
+
+def squeeze_least(passage: Passage) -> WaySqueeze:
+    """The forces of least squares at every sample.
+
+    Raises:
+        CarryUndecided: none were found.
+    """
+    grasp, count = passage.constraints.grasp, passage.constraints.count
+    found = solve_program(passage.constraints.least_forces(np.full(count + 1, passage.level)), accuracy=_FORCES)
+    # Which forces are taken matters less than that they balance the loads.
+    least = found.residual < _BALANCED and found.gap < _LEAST
+    notes = () if least else ("the forces bear the loads, but they are not the least ones",)
+    if found.residual >= _BALANCED and passage.fastest:
+        found = passage.solution
+    if found.residual >= _BALANCED:
+        raise CarryUndecided(
+            f"no forces were found for a timing that has them: balance to {found.residual:.1e} after {found.rounds} "
+            "rounds",
+            solution=found,
+        )
+    x = found.x[:, : grasp.problem.k].copy()
+    x[..., -1] += grasp.spare
+    return WaySqueeze(passage=passage, x=x, commanded=x[..., -1], residual=found.residual, notes=notes)
+
+
+def squeeze_steadily(passage: Passage, rate: float, *, slower: bool) -> WaySqueeze:
+    """Normal forces that are commanded once, or change at no more than ``rate`` [N/s].
+
+    ``slower``: whether to slow down where there are none at this speed; otherwise that is an error.
+
+    Raises:
+        CarryInfeasible: there are none.
+    """
+    every = [passage.constraints, *passage.constraints.others]
+    steps = np.diff(passage.instants)
+
+    def search(factor: float) -> CommonSqueeze:
+        return find_common_squeeze(every, steps / factor, rate, passage.level * factor**2)
+
+    found, factor = search(1.0), 1.0
+    if not found.found:
+        low, high, best = 0.0, 1.0, None
+        for _ in range(_HALVINGS):
+            factor = (low + high) / 2.0
+            tried = search(factor)
+            low, high, best = (factor, high, tried) if tried.found else (low, factor, best)
+        if best is None or not slower:
+            kind = "constant squeeze" if not rate else f"squeeze that changes by at most {rate:g} N/s"
+            at_rest = "not even at rest" if best is None else f"at {low:.3g} times that speed there is one"
+            raise CarryInfeasible(
+                f"no {kind} bears the whole way at this speed{', proven' if found.ruled_out else ''}; {at_rest}: let "
+                "the squeeze follow the loads (squeeze='least'), or go slower",
+                at=float(passage.s[int(passage.headroom.argmin())]),
+                solution=found,
+                factor=low,
+            )
+        found, factor = best, low
+    passage = passage.speed_up(factor)
+    return WaySqueeze(passage=passage, x=found.x[0], commanded=found.commanded, residual=found.residual)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,7 +138,7 @@ class CommonSqueeze:
         return bool(len(self.commanded))
 
 
-def common_squeeze(scenarios: Sequence[Programs], steps: Array, rate: float, level: float) -> CommonSqueeze:
+def find_common_squeeze(scenarios: Sequence[PathConstraints], steps: Array, rate: float, level: float) -> CommonSqueeze:
     """The squeeze of least squares that bears every scenario's loads at all samples.
 
     Args:
@@ -61,23 +147,24 @@ def common_squeeze(scenarios: Sequence[Programs], steps: Array, rate: float, lev
         rate: largest change of each normal force [N/s]; 0: one squeeze for all samples.
         level: square of the factor on the speed of the timing that the programs are for.
     """
-    return _CommonProgram(scenarios, steps, rate, level).solved()
+    return _CommonProgram(scenarios, steps, rate, level).solve()
 
 
 class _CommonProgram:
     """Columns: F of each sample, or of all (m, k), then x of each scenario and sample (S, N, k d); over a force."""
 
-    def __init__(self, scenarios: Sequence[Programs], steps: Array, rate: float, level: float):
+    def __init__(self, scenarios: Sequence[PathConstraints], steps: Array, rate: float, level: float):
         first = scenarios[0]
-        self.matrices, self.k, self.d = first.matrices, first.problem.k, first.problem.friction.d
+        problem = first.grasp.problem
+        self.matrices, self.k, self.d = first.matrices, problem.k, problem.friction.d
         self.S, self.N, self.width = len(scenarios), first.count, self.k * self.d
         self.m = self.N if rate else 1
         lines = [one.alone for one in scenarios]
         wanted = np.stack([line.E.sum(axis=2) * level + line.e for line in lines])
-        wrenches = np.stack([one.wrenches(level) for one in scenarios])
+        wrenches = np.stack([one.middle.wrench.squared(level) * one.wrench_scale for one in scenarios])
         self.size = max(float(np.abs(wanted).max()), 1e-9)
         self.A, self.target = lines[0].A, wanted / self.size
-        C = elastic_reaction(first.problem)
+        C = elastic_reaction(problem)
         self.change = -(wrenches - wrenches[0, 0]) @ C.T / self.size
         moved = np.stack([line.B.sum(axis=2) * level for line in lines])
         low, high = (np.stack([getattr(line, end) for line in lines]) - moved for end in ("low", "high"))
@@ -87,10 +174,10 @@ class _CommonProgram:
             low[others, -own:], high[others, -own:] = -np.inf, np.inf
         self.low, self.high = low / self.size, high / self.size
         self.least, self.most = lines[0].least / self.size, lines[0].most / self.size
-        self.spare = first.spare
+        self.spare = first.grasp.spare
         self.most_change = rate * steps / self.size
 
-    def _rows(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
+    def _stack(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
         """Rows, right-hand side and cones of A z + s = b."""
         friction = cone_rows(self.matrices)
         count, each = self.S * self.N, sp.identity(self.S * self.N, format="csr")
@@ -127,9 +214,9 @@ class _CommonProgram:
         cones += [clarabel.SecondOrderConeT(size) for size in friction.sizes * count]
         return sp.vstack(rows, format="csc"), np.concatenate(right), cones
 
-    def solved(self) -> CommonSqueeze:
+    def solve(self) -> CommonSqueeze:
         """The squeeze, or the proof that there is none."""
-        A, b, cones = self._rows()
+        A, b, cones = self._stack()
         columns, commanded = A.shape[1], self.m * self.k
         weights = np.zeros(columns)
         weights[:commanded] = 1.0 / self.m

@@ -16,7 +16,7 @@ def compared(arm, seeds, intervals):
     """Largest relative differences from ECOS's time, and how many carries were held."""
     worst, held = 0.0, 0
     for seed in seeds:
-        program = random_carry(arm, seed).programs(intervals).program()
+        program = random_carry(arm, seed).constrain(intervals).least_time
         found = solve(program)
         time = by_ecos(program)
         # Both find one, or neither does.
@@ -46,14 +46,14 @@ def test_many_random_paths_and_grasps_against_another_solver(arm):
 
 def wrench_limits(programs):
     """Facets of all wrenches that contacts of a pyramid with caps can make: rows (m, b) and right-hand side (m,)."""
-    problem, A = programs.problem, programs.A
+    problem, A = programs.grasp.problem, programs.alone.A
     d, corners = problem.friction.d, problem.friction.facets
     # The pyramid of one contact with unit cap: its apex, and where the facets of neighbours meet.
     vertices = [np.zeros(d)]
     for i in range(len(corners)):
         pair = corners[[i, (i + 1) % len(corners)]]
         vertices.append(np.append(np.linalg.solve(pair, np.ones(2)), 1.0))
-    own = [[A[:, c * d : (c + 1) * d] @ (most * v) for v in vertices] for c, most in enumerate(programs.most)]
+    own = [[A[:, c * d : (c + 1) * d] @ (most * v) for v in vertices] for c, most in enumerate(programs.grasp.most)]
     hull = ConvexHull([sum(choice) for choice in product(*own)])
     return hull.equations[:, :-1], -hull.equations[:, -1]
 
@@ -66,10 +66,10 @@ def test_the_same_time_as_topp_ra_on_pyramids(arm, seed):
     count = 2000
     pyramid = Friction(model="pyramid", edges=4)
     drawn = (random_carry(arm, 100 * seed + i, k=3, friction=pyramid) for i in range(99))
-    carry = next(one for one in drawn if solve(one.programs(40).program()).converged)
+    carry = next(one for one in drawn if solve(one.constrain(40).least_time).converged)
     carry = replace(carry, limits=replace(carry.limits, torque=np.full(arm.n, np.inf)))
-    programs = carry.programs(count)
-    ours = solve(programs.program())
+    programs = carry.constrain(count)
+    ours = solve(programs.least_time)
     F, g = wrench_limits(programs)
     s = np.linspace(0.0, 1.0, count + 1)
     nodes = carry.carried.along(carry.path, s, np.array([0.0, 0.0, -9.81]))
@@ -83,7 +83,7 @@ def test_the_same_time_as_topp_ra_on_pyramids(arm, seed):
             self.identical = True
 
         def compute_constraint_params(self, path, gridpoints, *_):
-            rows = programs.A @ np.linalg.pinv(programs.matrices.A)
+            rows = programs.alone.A @ np.linalg.pinv(programs.matrices.A)
             parts = [part * programs.wrench_scale @ rows.T for part in nodes.wrench]
             return *parts, F, g, None, np.stack([np.zeros_like(top), top], axis=1)
 

@@ -10,7 +10,7 @@ from panda_path import INTERVALS, JOINTS, WAYPOINTS
 
 import pinograsp as pg
 from pinograsp.carry import ArmPath, plan_carry
-from pinograsp.carry.doubts import doubts_of_squeeze
+from pinograsp.carry.cautions import doubt_squeeze
 from pinograsp.errors import CarryInfeasible, InvalidInput, Status
 from pinograsp.handover import JointTrajectory
 from pinograsp.planner import plan_best
@@ -203,12 +203,12 @@ def test_a_grasp_of_the_hand_alone(tmp_path):
     # Nothing speaks against it, but would if contacts pressed past the ball's centre, or slid.
     assert found.status is Status.OK and not found.cautions
     first, most, loads = grasp.solution, found.normal_forces.max(axis=0), found.loads
-    assert not doubts_of_squeeze(grasp, first, found.closing, most, loads)
-    (sways,) = doubts_of_squeeze(grasp, first, found.closing, most, 20 * loads)
+    assert not doubt_squeeze(grasp, first, found.closing, most, loads)
+    (sways,) = doubt_squeeze(grasp, first, found.closing, most, 20 * loads)
     assert "sways" in sways
-    deep = doubts_of_squeeze(grasp, first, found.closing, np.full(len(most), 400.0), loads)
+    deep = doubt_squeeze(grasp, first, found.closing, np.full(len(most), 400.0), loads)
     assert len(deep) == len(most) and all("face" in one for one in deep)
-    slid = doubts_of_squeeze(grasp, first, replace(found.closing, slip=np.eye(len(most))[0] * 2e-3), most, loads)
+    slid = doubt_squeeze(grasp, first, replace(found.closing, slip=np.eye(len(most))[0] * 2e-3), most, loads)
     assert len(slid) == 1 and grasp.contacts.names[0] in slid[0] and "slides 2 mm" in slid[0]
     doubtful = replace(found, cautions=tuple(slid))
     assert doubtful.status is Status.DOUBTFUL

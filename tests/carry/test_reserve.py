@@ -8,7 +8,7 @@ from panda_path import WAYPOINTS
 from whole_carries import random_carry
 
 from pinograsp.carry import plan_carry
-from pinograsp.carry.reserve import disturbance_of, spare_forces
+from pinograsp.carry.limits import find_disturbance, spare_forces
 from pinograsp.contacts import Friction
 from pinograsp.errors import CarryInfeasible
 
@@ -56,11 +56,11 @@ def test_nothing_is_kept_for_no_disturbance(arm):
 
 def test_the_disturbance_is_that_of_the_grasp(grasp):
     body, weight = grasp.body, 9.81 * grasp.body.mass
-    force, moment = disturbance_of(grasp, body, None)
+    force, moment = find_disturbance(grasp, body, None)
     assert force == pytest.approx((grasp.reserve.disturbance + grasp.reserve.mass) * weight)
     assert moment == pytest.approx(grasp.reserve.moment)
-    assert disturbance_of(replace(grasp, reserve=None), body, None) == (0.0, 0.0)
-    assert disturbance_of(grasp, body, 1.5)[0] == 1.5
+    assert find_disturbance(replace(grasp, reserve=None), body, None) == (0.0, 0.0)
+    assert find_disturbance(grasp, body, 1.5)[0] == 1.5
 
 
 def test_what_is_kept_is_pressed_on_top(arm, grasp):

@@ -10,7 +10,7 @@ from panda_path import JOINTS, START, WAYPOINTS
 
 import pinograsp as pg
 from pinograsp.carry import plan_carry, simulate_carry
-from pinograsp.carry.simulated import LETTING_GO, carry_task, servo_of
+from pinograsp.carry.simulation import LETTING_GO, carry_task, servo_of
 from pinograsp.errors import InvalidInput
 from pinograsp.planner import plan_best
 from pinograsp.simulation import Disturbance, Push, simulate

@@ -22,7 +22,7 @@ _SERVOS = "with servos of"
 _HALF_TURN = np.pi + 1e-3  # [rad] as few digits give it
 
 
-def doubts_of(grasp: GraspPlan, *, arm_in_hand: bool) -> list[str]:
+def doubt_grasp(grasp: GraspPlan, *, arm_in_hand: bool) -> list[str]:
     """What the grasp's own plan says against it.
 
     ``arm_in_hand``: of a grasp of arm and hand in one, which takes the arm's drives for as soft as fingers'.
@@ -33,7 +33,7 @@ def doubts_of(grasp: GraspPlan, *, arm_in_hand: bool) -> list[str]:
     return [f"the grasp's own plan is doubtful: {one}" for one in doubts]
 
 
-def doubts_of_path(robot: HandModel, path: ArmPath) -> list[str]:
+def doubt_path(robot: HandModel, path: ArmPath) -> list[str]:
     """Steps of continuous joints that are a way round as they stand, and a short one if angles are wrapped."""
     doubts = []
     for joint, q in zip(path.joints, path.q.T):
@@ -49,7 +49,7 @@ def doubts_of_path(robot: HandModel, path: ArmPath) -> list[str]:
     return doubts
 
 
-def doubts_of_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, most: Array, loads: Array) -> list[str]:
+def doubt_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, most: Array, loads: Array) -> list[str]:
     """What speaks against the way's squeeze, which may be far firmer than that of the grasp's own plan.
 
     Args:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.carry.loads import Carried
-from pinograsp.carry.programs import ArmLimits
+from pinograsp.carry.constraints import ArmLimits
+from pinograsp.carry.loads import LoadedRobot
 from pinograsp.checks import each_of
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, Reserve, TorqueLimit
@@ -24,7 +24,7 @@ _ANY = 1e9  # [m/s, m/s^2] no limit
 _RANK = 1e-9  # singular values below this share of the largest are none
 
 
-def arm_limits(
+def limit_arm(
     robot: HandModel,
     torque_limit: TorqueLimit,
     speed: ArrayLike | None,
@@ -36,14 +36,14 @@ def arm_limits(
     own = np.where(robot.velocity > 0, robot.velocity, np.inf)
     return ArmLimits(
         torque=kept * effort_of(robot, torque_limit),
-        speed=kept * (own if speed is None else joint_limits("speed", speed, n)),
+        speed=kept * (own if speed is None else read_joint_limits("speed", speed, n)),
         acceleration=np.full(n, np.inf)
         if acceleration is None
-        else kept * joint_limits("acceleration", acceleration, n),
+        else kept * read_joint_limits("acceleration", acceleration, n),
     )
 
 
-def joint_limits(name: str, value: ArrayLike, n: int) -> Array:
+def read_joint_limits(name: str, value: ArrayLike, n: int) -> Array:
     """One limit for all of n joints, or one for each (n,), above 0."""
     found = each_of(name, value, n)
     if np.any(found <= 0):
@@ -51,7 +51,7 @@ def joint_limits(name: str, value: ArrayLike, n: int) -> Array:
     return found
 
 
-def disturbance_of(grasp: GraspPlan, body: Body, size: float | None) -> tuple[float, float]:
+def find_disturbance(grasp: GraspPlan, body: Body, size: float | None) -> tuple[float, float]:
     """Force in any direction [N], or moment about any axis [N m], to bear on the way as well.
 
     ``body``: what is held. ``size``: of the force; None: what the grasp's plan bears besides its weight, a heavier
@@ -95,8 +95,8 @@ def spare_forces(problem: ForceProblem, force: float, moment: float) -> Array:
     return np.asarray(np.maximum(force * spare[0], moment / problem.moment_length * spare[1]))
 
 
-def with_reserve(
-    grasp: GraspPlan, carried: Carried, reserve: float, limit: TorqueLimit, mu: float
+def limit_grasp(
+    grasp: GraspPlan, loaded: LoadedRobot, reserve: float, limit: TorqueLimit, mu: float
 ) -> tuple[ForceProblem, tuple[Array, Array]]:
     """The grasp's problem, its friction and the torques of its hand less the reserve, and the normal forces' range.
 
@@ -106,9 +106,9 @@ def with_reserve(
     contacts, q = held.contacts, np.array(grasp.motion.q[-1])
     friction = replace(held.friction, safety=held.friction.safety / kept)
     # Limits of each joint are the robot's.
-    own = limit[carried.of_hand] if isinstance(limit, np.ndarray) and limit.ndim else limit
+    own = limit[loaded.of_hand] if isinstance(limit, np.ndarray) and limit.ndim else limit
     most = effort_of(hand, own)
-    arm = np.setdiff1d(np.arange(hand.n), carried.finger_dofs)
+    arm = np.setdiff1d(np.arange(hand.n), loaded.finger_dofs)
     most[arm] = np.inf  # rows of their own, without contact forces
     torques = None
     if torques_matter(hand, most):

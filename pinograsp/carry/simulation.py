@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.carry.loads import Carried
+from pinograsp.carry.loads import LoadedRobot
 from pinograsp.carry.record import CarryPlan
 from pinograsp.checks import instance_of
 from pinograsp.contacts import law_of
@@ -65,7 +65,7 @@ def servo_of(plan: CarryPlan) -> Servo:
     nearly in line; more damping than for that would need shorter steps than the contacts do.
     """
     robot, own = plan.robot, Servo.of(plan.robot)
-    arm = Carried.of(robot, plan.grasp).arm
+    arm = LoadedRobot.carry(robot, plan.grasp).arm
     bare = arm[np.isnan(robot.servo_stiffness[arm]) & (robot.effort[arm] > 0)]
     stiffness, damping = np.array(own.stiffness), np.array(own.damping)
     stiffness[bare] = robot.effort[bare] / _GIVES
@@ -80,7 +80,7 @@ def servo_of(plan: CarryPlan) -> Servo:
 
 def carry_task(plan: CarryPlan, letting_go: float) -> Task:
     """The task of a carry plan: closing, letting go for a time [s], the way."""
-    robot, grasp, carried = plan.robot, plan.grasp, Carried.of(plan.robot, plan.grasp)
+    robot, grasp, carried = plan.robot, plan.grasp, LoadedRobot.carry(plan.robot, plan.grasp)
     motion, way = plan.closing, plan.trajectory(rate=1.0 / _STEP)
     start = np.array(way.q[0])
     start[carried.fingers] = motion.q[-1][carried.finger_dofs]
