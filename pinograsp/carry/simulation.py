@@ -27,6 +27,7 @@ _CHANGE = 0.15  # [s] from the grasp's squeeze to the first one of the way
 _SETTLE = 0.05  # [s] between letting go and setting off
 LETTING_GO = 0.2  # [s]
 _GIVES = 0.03  # [rad or m] by which an arm's drive gives way to its largest torque
+_QUICKEST = 700.0  # [rad/s] of its servo: damping that acts at the beginning of a step of 1 ms is stable below 1000
 _POSTURES = 9  # on the way, at which the arm's inertia is looked at
 
 
@@ -68,12 +69,12 @@ def servo_of(plan: CarryPlan) -> Servo:
     arm = LoadedRobot.carry(robot, plan.grasp).arm
     bare = arm[np.isnan(robot.servo_stiffness[arm]) & (robot.effort[arm] > 0)]
     stiffness, damping = np.array(own.stiffness), np.array(own.damping)
-    stiffness[bare] = robot.effort[bare] / _GIVES
     model, least = robot.model, np.full(robot.n, np.inf)
     for q in plan.q[np.linspace(0, len(plan.q) - 1, _POSTURES).astype(int)]:
         mass = np.triu(pin.crba(model, model.createData(), np.array(q)))
         mass += np.triu(mass, 1).T + np.diag(own.rotor - model.armature)
         least = np.minimum(least, 1.0 / np.diag(np.linalg.inv(mass)))
+    stiffness[bare] = np.minimum(robot.effort / _GIVES, _QUICKEST**2 * least)[bare]
     damping[bare] = 2.0 * np.sqrt(stiffness * least)[bare]
     return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control)
 

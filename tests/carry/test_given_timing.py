@@ -260,34 +260,10 @@ def test_the_arm_bears_the_heavier_object(arm, grasp):
 # -- errors ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"timing": "given"}, "give a trajectory"),
-        ({"timing": "soon"}, "timing"),
-        ({"squeeze": "hard"}, "squeeze"),
-        ({"squeeze": -1.0}, "squeeze"),
-        ({"ramp": -1.0}, "ramp"),
-        ({"ramp": np.nan}, "ramp"),
-        ({"jerk": 0.0}, "jerk"),
-        ({"scenarios": [1.2]}, "scenarios"),
-    ],
-)
-def test_options_that_cannot_be(arm, grasp, options, message):
-    with pytest.raises(InvalidInput, match=message):
-        plan_carry(arm, grasp, WAYPOINTS, intervals=10, **options)
-
-
 @pytest.mark.parametrize("wrong", [{"mass": 0.0}, {"mass": np.nan}, {"mu": -1.0}, {"com": [0.0, 0.0]}])
 def test_scenarios_that_cannot_be(wrong):
     with pytest.raises(InvalidInput):
         CarryScenario(**wrong)
-
-
-def test_a_given_timing_needs_a_duration(arm, grasp):
-    path = ArmPath.through(WAYPOINTS)
-    with pytest.raises(InvalidInput, match="give a trajectory"):
-        plan_carry(arm, grasp, path, timing="given")
 
 
 def test_joints_that_are_too_fast_are_named(arm, grasp, smoothed):

@@ -58,7 +58,7 @@ def wrench_limits(programs):
     return hull.equations[:, :-1], -hull.equations[:, -1]
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(i, marks=pytest.mark.slow) for i in range(2, 12))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(i, marks=pytest.mark.slow) for i in range(1, 12))])
 def test_the_same_time_as_topp_ra_on_pyramids(arm, seed):
     import toppra
     from toppra.constraint import LinearConstraint

@@ -158,11 +158,19 @@ def test_paths_that_cannot_be(arm, grasp, path, message):
         ({"speed": 0.0}, "speed"),
         ({"acceleration": [1.0, 2.0]}, "acceleration"),
         ({"gravity_o": [0.0, 1.0]}, "gravity"),
+        ({"timing": "given"}, "give a trajectory"),
+        ({"timing": "soon"}, "timing"),
+        ({"squeeze": "hard"}, "squeeze"),
+        ({"squeeze": -1.0}, "squeeze"),
+        ({"ramp": -1.0}, "ramp"),
+        ({"ramp": np.nan}, "ramp"),
+        ({"jerk": 0.0}, "jerk"),
+        ({"scenarios": [1.2]}, "scenarios"),
     ],
 )
 def test_options_that_cannot_be(arm, grasp, options, message):
     with pytest.raises(InvalidInput, match=message):
-        plan_carry(arm, grasp, WAYPOINTS, **options)
+        plan_carry(arm, grasp, WAYPOINTS, **{"intervals": 10, **options})
 
 
 def points_on(hand, q, links, points, before):

@@ -59,8 +59,8 @@ def some_program(seed, friction, *, N=25, k=4, rows=0):
 
 
 @pytest.mark.parametrize("friction", [CONE, SOFT, PYRAMID, BOTH], ids=["cone", "soft", "pyramid", "cone and torsion"])
-@pytest.mark.parametrize("rows", [0, 5, 16])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("rows", [0, 16])
+@pytest.mark.parametrize("seed", range(2))
 def test_the_least_time_is_that_of_another_solver(friction, rows, seed):
     program = some_program(seed, friction, rows=rows)
     found, objective = solve(program), by_ecos(program)
@@ -91,8 +91,8 @@ def test_the_solution_keeps_to_the_program(friction):
 
 
 def test_few_facets_at_their_limits_cost_no_digits():
-    """One facet of a contact weighs 1e18 times what others do then: squares of that have no digits left."""
-    for seed in range(60):
+    """One facet of a contact weighs 1e18 times what others do then."""
+    for seed in range(15):
         found = solve(some_program(seed, Friction(model="pyramid", edges=4), k=3), accuracy=1e-9)
         assert max(found.gap, found.residual) < 1e-8, seed
 
@@ -125,7 +125,7 @@ def test_given_speeds_cost_forces_alone():
         np.testing.assert_allclose(solve(part).x[0], whole.x[i], atol=2e-4)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_rows_that_are_put_back(seed):
     """At rest no forces reach the limits; loads of the way do."""
     program = some_program(seed, CONE, rows=4)
