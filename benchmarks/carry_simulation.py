@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 import pinograsp as pg
 from pinograsp.carry import ArmPath, CarryPlan, plan_carry, simulate_carry
-from pinograsp.carry.simulation import LETTING_GO, carry_task, servo_of
+from pinograsp.carry.simulation import LETTING_GO, build_simulation_task, choose_servo
 from pinograsp.errors import CarryInfeasible, PinograspError, SimulationDiverged, Status
 from pinograsp.handover import JointTrajectory
 from pinograsp.planner import plan_best
@@ -116,7 +116,7 @@ def too_fast(name: str, grasp, path: ArmPath, plan: CarryPlan) -> dict[str, obje
         most = plan_carry(robot(name), grasp, path, ramp=0.0, **free)
     except PinograspError as error:
         return {"proven": f"{type(error).__name__}"}
-    faster = most.timing.faster(FASTER)
+    faster = most.timing.speed_up(FASTER)
     times = np.linspace(0.0, faster.duration, 2000)
     moving, point = faster.at(times), path.at(faster.at(times).s)
     v, a = moving.speed[:, None], moving.acceleration[:, None]
@@ -139,10 +139,10 @@ def too_fast(name: str, grasp, path: ArmPath, plan: CarryPlan) -> dict[str, obje
         for name in ("commanded_q", "commanded_torques")
     }
     quick = replace(most, timing=faster, times=most.times / FASTER, instants=instants, **sent)
-    task = carry_task(quick, LETTING_GO)
+    task = build_simulation_task(quick, LETTING_GO)
     task = replace(task, torque_limit=np.where(np.isin(robot(name).joint_names, JOINTS), np.inf, task.torque_limit))
     try:
-        seen = pg.simulate(task, servo=servo_of(quick), letting_go=LETTING_GO, **SETTINGS)
+        seen = pg.simulate(task, servo=choose_servo(quick), letting_go=LETTING_GO, **SETTINGS)
     except SimulationDiverged as error:
         return {"proven": proven, "fast_drift": str(error)}
     return {"proven": proven, "lost": not seen.verdict.held, "fast_drift": seen.verdict.reason}

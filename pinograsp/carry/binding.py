@@ -25,12 +25,12 @@ def name_binding(constraints: PathConstraints, found: CarrySolution, slack: Bool
         size = np.maximum(np.abs(constraints.matrices.R_lo), np.abs(constraints.matrices.R_hi))
     size = np.where(np.isfinite(size), size, 0.0)
 
-    def together(values: Array) -> Array:
+    def sum_scenarios(values: Array) -> Array:
         """Of all scenarios."""
         return np.asarray(values.reshape(N, S, -1).sum(axis=1))
 
-    rows = together(np.abs(found.rows).sum(axis=0)) if len(size) else np.zeros((N, 0))
-    least, most = (together(each) for each in found.normals)
+    rows = sum_scenarios(np.abs(found.rows).sum(axis=0)) if len(size) else np.zeros((N, 0))
+    least, most = (sum_scenarios(each) for each in found.normals)
     torques = grasp.problem.torques if len(constraints.matrices.R) else None
     hand = [] if torques is None else [f"torque of {joint}" for joint in torques.limited_joints]
     hand += ["what the drives can make"] * (rows.shape[1] - len(hand))
@@ -49,11 +49,11 @@ def name_binding(constraints: PathConstraints, found: CarrySolution, slack: Bool
     ]
     values = np.concatenate(
         [
-            together(found.cones * found.x[..., -1]),
+            sum_scenarios(found.cones * found.x[..., -1]),
             most * grasp.most,
             least * np.maximum(grasp.least, 1e-3 * grasp.most),
             rows * size,
-            together(found.pairs),
+            sum_scenarios(found.pairs),
             speeds[:, None],
         ],
         axis=1,

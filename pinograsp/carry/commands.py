@@ -76,7 +76,7 @@ class Commands:
     def positions(self) -> Array:
         """Of the joints (N, n) [rad or m]: the fingers as much deeper as contacts have to be."""
         loaded, (closing, first) = self.task.loaded[0], self.closing
-        found = self.squeeze.passage.constraints.middle.q.copy()
+        found = np.array(self.squeeze.passage.constraints.middle.q)
         reference = self.task.grasp.forces.final_depths if first is None else first.profile.final_depth
         found[:, loaded.fingers] = closing.q[-1][loaded.finger_dofs] + self._go_deeper(reference)
         return found
@@ -142,7 +142,7 @@ class Commands:
     def _press(self, local: Array, torsion: Array) -> Array:
         """Torques of all joints (N, n) with J^T f of the fingers [N m or N]."""
         contacts, loaded = self.task.limits.problem.contacts, self.task.loaded[0]
-        J, found = self._jacobian[..., loaded.finger_dofs], self.bare.copy()
+        J, found = self._jacobian[..., loaded.finger_dofs], np.array(self.bare)
         forces = np.einsum("kij,nkj->nki", contacts.rotations_oc, local)
         moments = np.einsum("nk,kx->nkx", torsion, contacts.rotations_oc[:, :, 2])
         found[:, loaded.fingers] += np.einsum("kxj,nkx->nj", J[:, :3], forces)

@@ -171,7 +171,7 @@ class LoadedRobot:
 
     def along(self, path: ArmPath, s: Array, gravity_o: Array) -> CarryLoads:
         """Loads at path parameters (m,); gravity (3,) [m/s^2] in the robot's world."""
-        q, slope, bend = self._motion(path, s)
+        q, slope, bend = self._move(path, s)
         model, data, rest = self.model, self.model.createData(), np.zeros(self.robot.n)
         model.gravity.linear = np.array(gravity_o)
         weightless = self.model.copy()
@@ -183,7 +183,7 @@ class LoadedRobot:
             ):
                 torque[part, i] = pin.rnea(own, data, q[i], dq, ddq)
                 motion[:, part, i] = data.a_gf[self.joint].vector, data.v[self.joint].vector
-        wrench = self._wrench(*motion)
+        wrench = self._measure_wrench(*motion)
         return CarryLoads(
             wrench=Linear(*wrench),
             torque=Linear(*torque),
@@ -194,18 +194,18 @@ class LoadedRobot:
 
     def slopes(self, path: ArmPath, s: Array) -> Array:
         """Derivatives of all joints' positions by the path parameters s (m,): (m, n)."""
-        return self._motion(path, s)[1]
+        return self._move(path, s)[1]
 
-    def _motion(self, path: ArmPath, s: Array) -> tuple[Array, Array, Array]:
+    def _move(self, path: ArmPath, s: Array) -> tuple[Array, Array, Array]:
         """Positions of all joints and their derivatives by s, each (m, n)."""
         moving = self.moving(path)
         q = np.tile(self.posture, (len(s), 1))
         slope, bend = np.zeros_like(q), np.zeros_like(q)
         q[:, moving], slope[:, moving], bend[:, moving], _ = path.at(s)
-        self._within(path, moving, q)
+        self._check_limits(path, moving, q)
         return q, slope, bend
 
-    def _wrench(self, acceleration: Array, v: Array) -> Array:
+    def _measure_wrench(self, acceleration: Array, v: Array) -> Array:
         """On the object (..., 6), about its planned centre of mass, by how the joint that carries it moves (..., 6)."""
         inertia = self.jMo.act(self.inertia).matrix()
         momentum, force = v @ inertia, acceleration @ inertia
@@ -215,7 +215,7 @@ class LoadedRobot:
         found[..., 3:] -= np.cross(self.body.com_o, found[..., :3])
         return np.asarray(found)
 
-    def of_arm(self, path: ArmPath) -> ArmPath:
+    def keep_arm_joints(self, path: ArmPath) -> ArmPath:
         """A path without the columns of the fingers, which hold, and of coupled joints, which follow."""
         fingers = [joint for j, joint in enumerate(self.robot.joint_names) if j not in self.arm]
         kept = [joint for joint in path.joints if joint not in (*fingers, *self.robot.couplings)]
@@ -229,11 +229,11 @@ class LoadedRobot:
             remedy = ": the robot is to be arm and hand (robot=, --robot with --root, its first link)"
             raise InvalidInput(
                 f"path: expected joints of the arm, {', '.join(arm) or 'of which there are none'}; got "
-                f"{', '.join(wrong[:_SUGGESTED])}{_nearest(wrong, arm) if arm else remedy}"
+                f"{', '.join(wrong[:_SUGGESTED])}{_suggest_joints(wrong, arm) if arm else remedy}"
             )
         return np.array([names.index(joint) for joint in path.joints])
 
-    def _within(self, path: ArmPath, moving: IntArray, q: Array) -> None:
+    def _check_limits(self, path: ArmPath, moving: IntArray, q: Array) -> None:
         low, high = self.robot.travel
         over = np.maximum(low - q, q - high)[:, moving]
         at, joint = np.unravel_index(int(over.argmax()), over.shape)
@@ -247,7 +247,7 @@ class LoadedRobot:
             )
 
 
-def _nearest(wrong: list[str], known: list[str]) -> str:
+def _suggest_joints(wrong: list[str], known: list[str]) -> str:
     """The known joint that each wrong one may mean: one with a prefix more or less, or the nearest spelling."""
     found = []
     for name in wrong[:_SUGGESTED]:

@@ -53,7 +53,7 @@ class Passage:
         """The same way, ``factor`` times as fast."""
         return replace(
             self,
-            timing=self.timing.faster(factor),
+            timing=self.timing.speed_up(factor),
             instants=self.instants / factor,
             knots=self.knots / factor,
             level=self.level * factor**2,

@@ -84,7 +84,7 @@ def pass_smoothly(task: CarryTask, timing: Timing, ramp: float, jerk: Array | No
     """
     best: Passage | None = None
     for window in [ramp] if jerk is None else (ramp or _SMALLEST) * _WINDOWS:
-        passage = pass_timed(task, timing.smoothed(float(window)))
+        passage = pass_timed(task, timing.smooth(float(window)))
         factor = min(passage.factor, 1.0)
         if jerk is not None:
             share = (1.0 - task.settings.reserve) * jerk / _measure_jerk(task, passage.timing)

@@ -59,7 +59,7 @@ class ArmPath:
         if not self.joints or len(set(self.joints)) < len(self.joints):
             raise InvalidInput(f"joints of the path: expected different names, got {list(self.joints)}")
         put("s", array_of("parameters of the path", self.s, (None,)))
-        put("q", _near(array_of("waypoints", self.q, (len(self.s), len(self.joints)))))
+        put("q", _check_near(array_of("waypoints", self.q, (len(self.s), len(self.joints)))))
         if len(self.s) < 2 or self.s[0] != 0 or self.s[-1] != 1 or np.any(np.diff(self.s) <= 0):
             raise InvalidInput("parameters of the path: expected two or more that increase from 0 to 1")
         if self.times is not None:
@@ -75,7 +75,7 @@ class ArmPath:
         put("_spline", _cubic(self.s, self.q))
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _rebuilt, (self.joints, self.s, self.q, self.times, self._spline)
+        return _rebuild, (self.joints, self.s, self.q, self.times, self._spline)
 
     @classmethod
     def along(cls, joints: Sequence[str], spline: PPoly | BSpline) -> ArmPath:
@@ -89,7 +89,7 @@ class ArmPath:
             raise InvalidInput(
                 f"spline: expected one of {len(joints)} joints' positions, got coefficients {spline.c.shape}"
             )
-        piecewise = _pieces(spline) if isinstance(spline, BSpline) else spline
+        piecewise = _split_spline(spline) if isinstance(spline, BSpline) else spline
         # Pieces of a B-spline begin before its range.
         begin, end = piecewise.x[[0, -1]]
         if isinstance(spline, BSpline):
@@ -105,7 +105,7 @@ class ArmPath:
         jump = np.abs(left - np.asarray(slopes(unit.x[1:-1]))).max(initial=0.0)
         if jump > _JUMP * max(float(np.abs(slopes(unit.x)).max()), 1e-12):
             raise InvalidInput(f"spline: expected one whose slope is continuous, got a jump of {jump:.3g}: smooth it")
-        return _with_spline(path, unit)
+        return _set_spline(path, unit)
 
     @classmethod
     def through(cls, waypoints: Mapping[str, ArrayLike]) -> ArmPath:
@@ -123,7 +123,7 @@ class ArmPath:
         if len({len(column) for column in columns}) > 1 or len(columns[0]) < 2:
             sizes = {joint: len(column) for joint, column in zip(waypoints, columns)}
             raise InvalidInput(f"waypoints: expected as many of each joint, two or more, got {sizes}")
-        q = _near(np.column_stack(columns))
+        q = _check_near(np.column_stack(columns))
         apart = np.linalg.norm(np.diff(q, axis=0), axis=1)
         if np.any(apart < _APART):
             raise InvalidInput(
@@ -145,7 +145,7 @@ class ArmPath:
             raise InvalidInput("trajectory: expected two samples or more, got 1")
         s = (times - times[0]) / (times[-1] - times[0])
         ends = np.array(trajectory.dq[[0, -1]]) * (times[-1] - times[0])
-        return _timed(tuple(trajectory.names), s, np.array(trajectory.q), times - times[0], ends)
+        return _time_path(tuple(trajectory.names), s, np.array(trajectory.q), times - times[0], ends)
 
     @property
     def duration(self) -> float | None:
@@ -181,13 +181,13 @@ class ArmPath:
             )
         since = times - times[0]
         q = np.column_stack(list(columns.values()))
-        return _timed(tuple(columns), since / since[-1], q, since, np.zeros((2, q.shape[1])))
+        return _time_path(tuple(columns), since / since[-1], q, since, np.zeros((2, q.shape[1])))
 
     def only(self, joints: Sequence[str]) -> ArmPath:
         """The path of some of its joints."""
         which = [self.joints.index(joint) for joint in joints]
         path = ArmPath(joints=tuple(joints), s=self.s, q=self.q[:, which], times=self.times)
-        return _with_spline(path, PPoly(self._spline.c[:, :, which], self._spline.x))
+        return _set_spline(path, PPoly(self._spline.c[:, :, which], self._spline.x))
 
     def at(self, s: ArrayLike) -> PathPoint:
         """Positions and derivatives at parameters (m,)."""
@@ -195,16 +195,16 @@ class ArmPath:
         return PathPoint(*(read_only(self._spline(values, order)) for order in (0, 1, 2, 3)))
 
 
-def _pieces(spline: BSpline) -> PPoly:
+def _split_spline(spline: BSpline) -> PPoly:
     """The polynomials of a spline of several joints."""
     each = [PPoly.from_spline((spline.t, column, spline.k)) for column in spline.c.T]
     return PPoly(np.stack([one.c for one in each], axis=2), each[0].x)
 
 
-def _timed(joints: tuple[str, ...], s: Array, q: Array, times: Array, ends: Array) -> ArmPath:
+def _time_path(joints: tuple[str, ...], s: Array, q: Array, times: Array, ends: Array) -> ArmPath:
     """The path of a trajectory with slopes (2, n) at its ends."""
     path = ArmPath(joints=joints, s=s, q=q, times=times)
-    return _with_spline(path, _cubic(s, q, ((1, ends[0]), (1, ends[1]))))
+    return _set_spline(path, _cubic(s, q, ((1, ends[0]), (1, ends[1]))))
 
 
 def _cubic(s: Array, q: Array, ends: str | tuple[tuple[int, Array], tuple[int, Array]] = "not-a-knot") -> CubicSpline:
@@ -222,18 +222,18 @@ def _cubic(s: Array, q: Array, ends: str | tuple[tuple[int, Array], tuple[int, A
     return spline
 
 
-def _near(q: Array) -> Array:
+def _check_near(q: Array) -> Array:
     """Positions (w, n), if they are those of an arm."""
     if q.size and np.abs(q).max() > _FARTHEST:
         raise InvalidInput(f"waypoints: expected positions up to {_FARTHEST:g} rad or m, got {np.abs(q).max():g}")
     return q
 
 
-def _rebuilt(joints: tuple[str, ...], s: Array, q: Array, times: Array | None, spline: PPoly) -> ArmPath:
-    return _with_spline(ArmPath(joints=joints, s=s, q=q, times=times), spline)
+def _rebuild(joints: tuple[str, ...], s: Array, q: Array, times: Array | None, spline: PPoly) -> ArmPath:
+    return _set_spline(ArmPath(joints=joints, s=s, q=q, times=times), spline)
 
 
-def _with_spline(path: ArmPath, spline: PPoly) -> ArmPath:
+def _set_spline(path: ArmPath, spline: PPoly) -> ArmPath:
     """A new path, along another spline than the one through its waypoints."""
     object.__setattr__(path, "_spline", spline)
     return path

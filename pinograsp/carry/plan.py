@@ -94,14 +94,14 @@ def plan_carry(
     started = time.perf_counter()
     instance_of("robot", robot, HandModel)
     instance_of("grasp", grasp, GraspPlan)
-    way, named = _path_of(path), one_of("timing", timing, get_args(TimingName))
+    way, named = _read_path(path), one_of("timing", timing, get_args(TimingName))
     if named == "given" and way.duration is None:
         raise InvalidInput(
             "timing: expected 'fastest' for a path of waypoints, got 'given': give a trajectory (a column time)"
         )
     if named == "given" and jerk is not None:
         raise InvalidInput("jerk: expected with timing='fastest', got one with a timing that is given")
-    rate = _rate_of(squeeze)
+    rate = _read_rate(squeeze)
     reserve = share_of("reserve", reserve)
     settings = CarrySettings(
         arm=limit_arm(robot, torque_limit, speed, acceleration, reserve),
@@ -129,7 +129,7 @@ def plan_carry(
     return record_plan(task, found, fastest, elapsed)
 
 
-def _path_of(path: ArmPath | JointTrajectory | Mapping[str, ArrayLike]) -> ArmPath:
+def _read_path(path: ArmPath | JointTrajectory | Mapping[str, ArrayLike]) -> ArmPath:
     if isinstance(path, JointTrajectory):
         return ArmPath.of(path)
     if isinstance(path, Mapping):
@@ -137,7 +137,7 @@ def _path_of(path: ArmPath | JointTrajectory | Mapping[str, ArrayLike]) -> ArmPa
     return instance_of("path", path, ArmPath)
 
 
-def _rate_of(squeeze: SqueezeName | float) -> float | None:
+def _read_rate(squeeze: SqueezeName | float) -> float | None:
     """Of the commanded forces' change [N/s]; None: they follow the loads."""
     if isinstance(squeeze, str):
         if squeeze not in get_args(SqueezeName):

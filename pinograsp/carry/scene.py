@@ -30,38 +30,47 @@ class Shown(carried.Carried, Protocol):
     @property
     def path(self) -> ArmPath:
         """The arm's."""
+        ...
 
     @property
     def timing(self) -> Timing:
         """Of the path."""
+        ...
 
     @property
     def gravity_o(self) -> Array:
         """(3,) [m/s^2]."""
+        ...
 
     @property
     def loads(self) -> Array:
         """On the object, linear first (N, 6) [N, N m]."""
+        ...
 
     @property
     def forces_o(self) -> Array:
         """On the object (N, k, 3) [N]."""
+        ...
 
     @property
     def fastest(self) -> float | None:
         """Duration of the fastest timing [s]."""
+        ...
 
     @property
     def lower_bound(self) -> float | None:
         """No timing is faster [s]."""
+        ...
 
     @property
     def factor(self) -> float:
         """How many times as fast this timing may be."""
+        ...
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the caller should know."""
+        ...
 
 
 def carry_scene(plan: Shown) -> ViewScene:
@@ -97,8 +106,8 @@ def carry_scene(plan: Shown) -> ViewScene:
         middle,
     )
     centre, extent = stage.frame()
-    forces, loads = _between(plan, times, plan.forces_o), _between(plan, times, plan.loads)[:, :3]
-    torques, size = _between(plan, times, plan.torques), _DETAIL * stage.size
+    forces, loads = _interpolate(plan, times, plan.forces_o), _interpolate(plan, times, plan.loads)[:, :3]
+    torques, size = _interpolate(plan, times, plan.torques), _DETAIL * stage.size
     normal, tangential, used = friction_of(contacts.rotations_oc, grasp.friction.mu, forces)
     interval = np.clip(np.searchsorted(plan.times, times, side="right") - 1, 0, len(plan.binding) - 1)
     binding = [plan.binding[i] for i in interval.tolist()]
@@ -107,19 +116,19 @@ def carry_scene(plan: Shown) -> ViewScene:
     return ViewScene(
         title=f"{robot.name} carries a {in_words(body)}",
         subtitle=f"{robot.n} joints, {len(plan.path.joints)} of them move; {len(contacts.names)} contacts",
-        answer=Answer("caution" if plan.notes else "yes", _answer(plan)),
+        answer=Answer("caution" if plan.notes else "yes", _write_answer(plan)),
         status=f"within all limits, {100 * plan.reserve:g} % of them kept free",
         remedy="",
         heading="On the way",
-        facts=tuple(_facts(plan)),
+        facts=tuple(_list_facts(plan)),
         cautions=plan.notes,
         unseen=tuple(unseen),
         times=times,
         rate=(len(times) - 1) / duration,
         touch=0.0,
         closed=0.0,
-        phases=_phases(binding),
-        told=tuple(_told(what) for what in binding),
+        phases=_find_phases(binding),
+        told=tuple(_describe_binding(what) for what in binding),
         solids=solids,
         link_poses=link_poses,
         object_pose=planned,
@@ -154,32 +163,32 @@ def carry_scene(plan: Shown) -> ViewScene:
     )
 
 
-def _between(plan: Shown, times: Array, values: Array) -> Array:
+def _interpolate(plan: Shown, times: Array, values: Array) -> Array:
     """Values (N, ...) of the middles at times (f, ...); before the first and after the last they stay."""
     found = interpolated(times, plan.instants, values.reshape(len(values), -1))
     return found.reshape(len(times), *values.shape[1:])
 
 
-def _phases(binding: list[str]) -> tuple[Phase, ...]:
+def _find_phases(binding: list[str]) -> tuple[Phase, ...]:
     """Stretches where the same binds."""
     starts = [i for i, what in enumerate(binding) if i == 0 or what != binding[i - 1]]
     return tuple(Phase(binding[first], first, last) for first, last in zip(starts, [*starts[1:], len(binding) - 1]))
 
 
-def _told(what: str) -> str:
+def _describe_binding(what: str) -> str:
     if what == "nothing":
         return "On the way. Nothing keeps it from being faster here."
     return f"On the way. It cannot be faster here because of: {what}."
 
 
-def _answer(plan: Shown) -> str:
+def _write_answer(plan: Shown) -> str:
     text = f"Yes, in {plan.timing.duration:.4g} s: friction, forces, torques and speeds stay within their limits."
     if plan.lower_bound is not None:
         return f"{text} No timing of this path takes less than {plan.lower_bound:.4g} s."
     return f"{text} {plan.factor:.3g} times as fast could be held."
 
 
-def _facts(plan: Shown) -> list[tuple[str, str]]:
+def _list_facts(plan: Shown) -> list[tuple[str, str]]:
     """The plan in a few lines."""
     squeeze = plan.normal_forces.sum(axis=1)
     facts = [("duration", f"{plan.timing.duration:.4g} s")]

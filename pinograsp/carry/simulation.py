@@ -52,14 +52,14 @@ def simulate_carry(
     instance_of("plan", plan, CarryPlan)
     chosen: SimulationSettings = {"letting_go": LETTING_GO, **settings}
     if chosen.get("servo") is None:
-        chosen["servo"] = servo_of(plan)
-    task = carry_task(plan, chosen["letting_go"])
+        chosen["servo"] = choose_servo(plan)
+    task = build_simulation_task(plan, chosen["letting_go"])
     seen = simulate(task, disturbance=disturbance, **chosen)
     off = float(task.times[-1]) - plan.duration
     return replace(seen, notes=(*seen.notes, f"carried along the path from {off:.3f} to {task.times[-1]:.3f} s"))
 
 
-def servo_of(plan: CarryPlan) -> Servo:
+def choose_servo(plan: CarryPlan) -> Servo:
     """The hand's servos, and for joints of the arm without any stiff ones, damped critically on the way.
 
     What a joint moves when all others give way is less than what it moves when they do not, by far where axes are
@@ -79,7 +79,7 @@ def servo_of(plan: CarryPlan) -> Servo:
     return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control)
 
 
-def carry_task(plan: CarryPlan, letting_go: float) -> Task:
+def build_simulation_task(plan: CarryPlan, letting_go: float) -> Task:
     """The task of a carry plan: closing, letting go for a time [s], the way."""
     robot, grasp, carried = plan.robot, plan.grasp, LoadedRobot.carry(plan.robot, plan.grasp)
     motion, way = plan.closing, plan.trajectory(rate=1.0 / _STEP)

@@ -113,7 +113,7 @@ def prepare_task(
     return CarryTask(
         robot=robot,
         grasp=grasp,
-        path=loaded[0].of_arm(path),
+        path=loaded[0].keep_arm_joints(path),
         loaded=loaded,
         limits=GraspLimits(problem=problem, least=least, most=most, spare=spare),
         settings=settings,

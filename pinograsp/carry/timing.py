@@ -59,11 +59,11 @@ class Timing:
         """[s]."""
         return float(self.times[-1]) + self.window
 
-    def smoothed(self, window: float) -> Timing:
+    def smooth(self, window: float) -> Timing:
         """Its moving average over a window [s]."""
         return replace(self, window=window)
 
-    def faster(self, factor: float) -> Timing:
+    def speed_up(self, factor: float) -> Timing:
         """The same motion, ``factor`` times as fast."""
         return replace(self, times=self.times / factor, speed=self.speed * factor, window=self.window / factor)
 

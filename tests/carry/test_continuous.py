@@ -7,7 +7,7 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.carry import plan_carry, simulate_carry
-from pinograsp.carry.simulation import servo_of
+from pinograsp.carry.simulation import choose_servo
 from pinograsp.errors import CarryInfeasible, InvalidInput
 from pinograsp.handover import JointTrajectory
 
@@ -106,7 +106,7 @@ def test_a_motor_far_too_strong_for_its_link_is_no_stiffer_than_steps_bear(grasp
     """A servo of 500 N m on half a kilogram would ring faster than the engine steps, and fling the object away."""
     strong = file.with_name("strong.urdf")
     strong.write_text(file.read_text().replace('effort="5"', 'effort="500"'))
-    servo = servo_of(plan_carry(pg.load_hand(strong), grasp, {"turn": [2.9, 3.5]}, **FREE))
+    servo = choose_servo(plan_carry(pg.load_hand(strong), grasp, {"turn": [2.9, 3.5]}, **FREE))
     # Stiffness over damping is half of the natural frequency; damping has to be below two per step of a millisecond.
     assert (4.0 * servo.stiffness / servo.damping)[:2].max() < 2.0 / 1e-3
 

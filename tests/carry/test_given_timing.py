@@ -48,7 +48,7 @@ def test_a_moving_average_is_one():
     y = np.concatenate([[0.0], rng.uniform(0.5, 3.0, 7), [0.0]])
     timing = Timing.of_squares(np.linspace(0, 1, 9), y)
     window, dense = 0.13, np.linspace(0.0, 1.0, 4001)[1:-1]
-    smooth = timing.smoothed(window)
+    smooth = timing.smooth(window)
     assert smooth.duration == pytest.approx(timing.duration + window)
     for t in (0.02, 0.2, 0.5, smooth.duration - 0.05):
         steps = timing.at(t - window + window * (np.arange(2000) + 0.5) / 2000)
@@ -66,8 +66,8 @@ def test_a_moving_average_is_one():
 
 
 def test_faster_is_the_same_way_in_less_time():
-    timing = Timing.of_squares(np.linspace(0, 1, 5), np.array([0.0, 1.0, 2.0, 1.5, 0.0])).smoothed(0.1)
-    times, twice = np.linspace(0.0, timing.duration, 33), timing.faster(2.0)
+    timing = Timing.of_squares(np.linspace(0, 1, 5), np.array([0.0, 1.0, 2.0, 1.5, 0.0])).smooth(0.1)
+    times, twice = np.linspace(0.0, timing.duration, 33), timing.speed_up(2.0)
     assert twice.duration == pytest.approx(timing.duration / 2)
     for order, (slow, fast) in enumerate(zip(timing.at(times), twice.at(times / 2))):
         np.testing.assert_allclose(fast, slow * 2**order, rtol=1e-9, atol=1e-9)

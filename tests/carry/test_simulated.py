@@ -10,7 +10,7 @@ from panda_path import JOINTS, START, WAYPOINTS
 
 import pinograsp as pg
 from pinograsp.carry import plan_carry, simulate_carry
-from pinograsp.carry.simulation import LETTING_GO, carry_task, servo_of
+from pinograsp.carry.simulation import LETTING_GO, build_simulation_task, choose_servo
 from pinograsp.errors import InvalidInput
 from pinograsp.planner import plan_best
 from pinograsp.simulation import Disturbance, Push, simulate
@@ -81,11 +81,11 @@ def test_a_push_on_the_way_comes_after_a_shorter_hold(slow):
 def test_three_times_as_fast_as_planned_it_is_lost(arm, smoothed):
     """The hand squeezes as for the plan, and the motors of the arm have no limits."""
     quick = replace(
-        smoothed, timing=smoothed.timing.faster(3), times=smoothed.times / 3, instants=smoothed.instants / 3
+        smoothed, timing=smoothed.timing.speed_up(3), times=smoothed.times / 3, instants=smoothed.instants / 3
     )
-    task = carry_task(quick, LETTING_GO)
+    task = build_simulation_task(quick, LETTING_GO)
     limit = np.where(np.isin(arm.joint_names, JOINTS), np.inf, task.torque_limit)
-    lost = simulate(replace(task, torque_limit=limit), servo=servo_of(quick), time_step=STEP, hold=0.3)
+    lost = simulate(replace(task, torque_limit=limit), servo=choose_servo(quick), time_step=STEP, hold=0.3)
     assert not lost.verdict.held
     assert lost.verdict.drift > 5e-3
 
@@ -103,7 +103,7 @@ def test_turned_upside_down(arm, grasp):
 
 def test_servos_of_the_arm_are_stable_along_the_way(slow):
     """Damping that acts at the beginning of a step: its fastest rate has to be below two per step, of the arm's joints."""
-    servo, model = servo_of(slow), slow.robot.model
+    servo, model = choose_servo(slow), slow.robot.model
     for q in slow.q[::25]:
         mass = np.triu(pin.crba(model, model.createData(), np.array(q)))
         mass += np.triu(mass, 1).T + np.diag(servo.rotor - model.armature)
