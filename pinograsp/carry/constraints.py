@@ -225,9 +225,25 @@ class PathConstraints:
         e = np.concatenate([*(one.e for one in each), *((still[0] - one) @ C.T for one in still[1:])], axis=1)
         # Forces along the normals of parallel surfaces are balanced by normal forces alone: said twice.
         kept = _find_independent(A)
-        joined = {name: np.concatenate([getattr(one, name) for one in each], axis=1) for name in _SIDE_BY_SIDE}
-        R, least, most = block_diag(*(one.R for one in each)), np.tile(own.least, S), np.tile(own.most, S)
-        return replace(own, k=S * k, A=A[kept], E=E[:, kept], e=e[:, kept], R=R, least=least, most=most, **joined)
+
+        def join(name: str) -> Array:
+            return np.concatenate([getattr(one, name) for one in each], axis=1)
+
+        return replace(
+            own,
+            k=S * k,
+            A=A[kept],
+            E=E[:, kept],
+            e=e[:, kept],
+            R=block_diag(*(one.R for one in each)),
+            B=join("B"),
+            low=join("low"),
+            high=join("high"),
+            C=join("C"),
+            c=join("c"),
+            least=np.tile(own.least, S),
+            most=np.tile(own.most, S),
+        )
 
     @property
     def fastest_anywhere(self) -> CarryProgram:
@@ -254,9 +270,6 @@ class PathConstraints:
         slopes = np.maximum(slopes, np.maximum(between[:-1], between[1:]))
         others = tuple(other.follow(a, b, y, fastest) for other in self.others)
         return replace(self, middle=middle, slopes=slopes, others=others, fastest=fastest)
-
-
-_SIDE_BY_SIDE = ("B", "low", "high", "C", "c")
 
 
 def _find_independent(rows: Array) -> IntArray:
