@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol, TypeAlias, get_args, runtime_checkable
+from typing import Literal, Protocol, TypeAlias, cast, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -155,6 +155,8 @@ class Compliance(Protocol):
 
 def checked_law(law: object) -> Compliance:
     """``law`` if it is a contact law, else :class:`~pinograsp.errors.InvalidInput`."""
+    if Compliance in type(law).__mro__:  # at once: isinstance() looks at each member of a protocol
+        return cast(Compliance, law)
     if not isinstance(law, Compliance) or isinstance(law, type):
         raise InvalidInput(f"compliance: expected a Compliance, such as MarhefkaOrin(...), got {shown(law)}")
     return law
