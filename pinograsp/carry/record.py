@@ -15,7 +15,7 @@ from pinograsp.carry.timing import Timing
 from pinograsp.checks import brief, number
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.handover import JointTrajectory
-from pinograsp.handover.quintic import interpolated
+from pinograsp.handover.quintic import interpolate
 from pinograsp.hands import HandModel
 from pinograsp.motion.torques import drives_limit
 from pinograsp.plan import Motion
@@ -224,7 +224,7 @@ class CarryPlan:
             q=q,
             dq=dq,
             ddq=ddq,
-            effort=interpolated(times, self.instants, self.commanded_torques),
+            effort=interpolate(times, self.instants, self.commanded_torques),
             joints=tuple(self.robot.model.names)[1:],
             couplings=self.robot.couplings,
             begin=0.0,

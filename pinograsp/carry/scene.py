@@ -9,7 +9,7 @@ import numpy as np
 from pinograsp.carry.loads import LoadedRobot
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.timing import Timing
-from pinograsp.handover.quintic import interpolated
+from pinograsp.handover.quintic import interpolate
 from pinograsp.plan.answer import Answer, friction_model
 from pinograsp.spatial import Array
 from pinograsp.viz import carried
@@ -165,7 +165,7 @@ def carry_scene(plan: Shown) -> ViewScene:
 
 def _interpolate(plan: Shown, times: Array, values: Array) -> Array:
     """Values (N, ...) of the middles at times (f, ...); before the first and after the last they stay."""
-    found = interpolated(times, plan.instants, values.reshape(len(values), -1))
+    found = interpolate(times, plan.instants, values.reshape(len(values), -1))
     return found.reshape(len(times), *values.shape[1:])
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from pinograsp import defaults
-from pinograsp.cases.case import NotNegative, Number, Objective, Section, Solver
 from pinograsp.cases.reading import validated
+from pinograsp.cases.sections import NotNegative, Number, Objective, Section, Solver
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
 from pinograsp.contacts.compliance import MEASURES
 from pinograsp.contacts.friction import SOFT

@@ -17,10 +17,11 @@ import numpy as np
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from pinograsp.cases.case import Case, NotNegative, Number, Objective, Positive, Section, load_case
+from pinograsp.cases.case import Case, load_case
 from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.object_case import ObjectCase, object_fields
 from pinograsp.cases.reading import check_extent, line_of, place_of, put_value, read_mapping
+from pinograsp.cases.sections import NotNegative, Number, Objective, Positive, Section
 from pinograsp.checks import mapping_of, path_of, shown
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import CaseRejected, InvalidInput

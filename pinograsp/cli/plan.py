@@ -324,10 +324,10 @@ def _finish(plan: GraspPlan, folder: NewFolder, session: Session, compare: bool 
 
 
 def _keep_proof(error: GraspInfeasible, case: Case, folder: NewFolder) -> None:
-    from pinograsp.planner import failure_of, save_run
+    from pinograsp.planner import record_failure, save_run
     from pinograsp.report import write_report
 
-    failure = failure_of(error, case.hand.source, case.settings())
+    failure = record_failure(error, case.hand.source, case.settings())
     save_run(failure, folder, extras=lambda path: write_report(failure, path))
     typer.echo(f"the proof is written to {folder.path}: report.html, report.md, plan.json", err=True)
 

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from pinograsp.checks import array_of, instance_of, number, read_only
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.handover.quintic import between, interpolated
+from pinograsp.handover.quintic import between, interpolate
 from pinograsp.handover.trajectory import JointTrajectory
 from pinograsp.hands import HandModel
 from pinograsp.motion.torques import inverse_dynamics
@@ -81,7 +81,7 @@ def joint_trajectory(
     q, dq, ddq = between(path.nodes, path.states, np.minimum(clock, path.end))
     q[-1], dq[-1], ddq[-1] = motion.q[-1], 0.0, 0.0
     own = inverse_dynamics(hand, motion.q, motion.dq, motion.ddq, gravity_o=plan.gravity_o)
-    pressing = interpolated(clock - path.begin, motion.times, motion.torques - own)
+    pressing = interpolate(clock - path.begin, motion.times, motion.torques - own)
     effort = inverse_dynamics(hand, q, dq, ddq, gravity_o=plan.gravity_o) + pressing
 
     wanted, played = _compared(motion, path, clock, (q, dq, ddq), half)

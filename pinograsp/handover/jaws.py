@@ -16,7 +16,7 @@ import numpy as np
 from pinograsp.checks import brief, flag, instance_of, items_of, one_of, path_of, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.commands import efforts, require_drives
-from pinograsp.handover.yaml_text import gripper_yaml_of
+from pinograsp.handover.yaml_text import write_gripper_yaml
 from pinograsp.hands import HandModel
 from pinograsp.hands.drives import Drive
 from pinograsp.hands.efforts import SHORTFALL
@@ -250,7 +250,7 @@ def gripper_message(
         }
     }
     if path is not None:
-        content = json.dumps(message, allow_nan=False) + "\n" if path.suffix == ".json" else gripper_yaml_of(message)
+        content = json.dumps(message, allow_nan=False) + "\n" if path.suffix == ".json" else write_gripper_yaml(message)
         write_file(path, content.encode())
     return message
 

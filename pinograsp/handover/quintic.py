@@ -27,6 +27,6 @@ def between(nodes: Array, states: Sequence[Array], times: Array) -> tuple[Array,
     return position, velocity, ddq + t * (6 * a3 + t * (12 * a4 + t * 20 * a5))
 
 
-def interpolated(at: Array, times: Array, columns: Array) -> Array:
+def interpolate(at: Array, times: Array, columns: Array) -> Array:
     """Columns (m, n) that are known at ``times`` (m,), linearly at ``at`` (s,)."""
     return np.column_stack([np.interp(at, times, column) for column in columns.T])

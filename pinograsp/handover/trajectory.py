@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, brief, flag, items_of, mapping_of, number, one_of, path_of, read_only, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.actuators import Controls, write_keyframes
-from pinograsp.handover.quintic import between, interpolated
-from pinograsp.handover.yaml_text import yaml_of
+from pinograsp.handover.quintic import between, interpolate
+from pinograsp.handover.yaml_text import write_yaml
 from pinograsp.hands.coupling import Coupling
 from pinograsp.spatial import Array
 from pinograsp.words import no_formula
@@ -114,7 +114,7 @@ class JointTrajectory:
         interpolate.
         """
         at = np.clip(array_of("times", times, (None,)), self.times[0], self.times[-1])
-        return *between(self.times, (self.q, self.dq, self.ddq), at), interpolated(at, self.times, self.effort)
+        return *between(self.times, (self.q, self.dq, self.ddq), at), interpolate(at, self.times, self.effort)
 
     def with_followers(self) -> JointTrajectory:
         """The same with a column for every joint, coupled ones included, whose effort is 0: their motors are those they
@@ -234,7 +234,7 @@ class JointTrajectory:
         message: dict[str, Any] = {"header": header, "joint_names": list(own.names), "points": points}
         message = {"trajectory": message} if flag("goal", goal) else message
         if path is not None:
-            content = json.dumps(message, allow_nan=False) + "\n" if path.suffix == ".json" else yaml_of(message)
+            content = json.dumps(message, allow_nan=False) + "\n" if path.suffix == ".json" else write_yaml(message)
             write_file(path, content.encode())
         return message
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 
-def yaml_of(message: dict[str, Any]) -> str:
+def write_yaml(message: dict[str, Any]) -> str:
     """YAML that version 1.1 reads alike: names in quotes, a point in every number with an exponent."""
     inner = message.get("trajectory", message)
     header = inner["header"]
@@ -26,8 +26,8 @@ def yaml_of(message: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def gripper_yaml_of(message: dict[str, Any]) -> str:
-    """YAML of a parallel gripper's goal, as :func:`yaml_of`."""
+def write_gripper_yaml(message: dict[str, Any]) -> str:
+    """YAML of a parallel gripper's goal, as :func:`write_yaml`."""
     inner = message["command"]
     lines = [
         "command:",

@@ -20,16 +20,14 @@ from pinograsp.plan.parts import (
     ContactLaw,
     Layout,
     Measure,
-    Plain,
     PlanContacts,
     PlanForces,
     PlanFriction,
     PlanMargins,
     PlanReserve,
     Reach,
-    by_contact,
-    plain_fields,
 )
+from pinograsp.plan.plain_fields import Plain, by_contact, plain_fields
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, inverse_of
 from pinograsp.words import by_name, lines_of, number

@@ -1,6 +1,6 @@
 """From a force problem, or a hand and an object, to a grasp plan; plans to files and back."""
 
-from pinograsp.planner.assemble import failure_of
+from pinograsp.planner.assemble import record_failure
 from pinograsp.planner.best import plan_best
 from pinograsp.planner.grasp_plan import GraspPlan, load_run, save_run
 from pinograsp.planner.options import PlanOptions, Search
@@ -10,10 +10,10 @@ __all__ = [
     "GraspPlan",
     "PlanOptions",
     "Search",
-    "failure_of",
     "load_run",
     "plan_best",
     "plan_grasp",
     "plan_grasp_on",
+    "record_failure",
     "save_run",
 ]

@@ -51,7 +51,7 @@ _ROUNDING = 1e-3  # forces lie on their limits
 _OTHER = 0.03  # share of a force from which on it is another one
 
 
-def assembled(
+def assemble_plan(
     hand: HandModel,
     solution: ForceSolution,
     motion: Motion,
@@ -129,7 +129,7 @@ def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion, push: fl
     return replace(motion, status=Status.DOUBTFUL, remedy=remedy)
 
 
-def reserve_of(reserve: Reserve, squeeze: RobustForces, tried: int, unrestricted: float) -> PlanReserve:
+def record_reserve(reserve: Reserve, squeeze: RobustForces, tried: int, unrestricted: float) -> PlanReserve:
     """The record of the reserve that a squeeze bears; ``tried``: impact times in all rounds.
 
     ``unrestricted``: lower bound of the objective of a hand that could make any forces.
@@ -275,7 +275,7 @@ def _hardly_pressing(solution: ForceSolution) -> Iterator[str]:
             yield f"{name} hardly presses, with {force:.2g} N: less than {100 * share:g} % of the weight"
 
 
-def failure_of(error: SearchFailed, hand: str, settings: Mapping[str, Any]) -> PlanFailure:
+def record_failure(error: SearchFailed, hand: str, settings: Mapping[str, Any]) -> PlanFailure:
     """The record of a search that found no forces, for a hand of that name."""
     solution, proof = instance_of("error", error, SearchFailed).solution, None
     text_of("hand", hand)

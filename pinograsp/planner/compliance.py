@@ -38,10 +38,10 @@ def compliant_hand(hand: HandModel, solution: ForceSolution, q: Array, gains: Ar
     return CompliantHand.at(contacts, jacobians, gains=gains)
 
 
-def told_band(hand: HandModel, solution: ForceSolution, q: Array) -> StiffnessBand:
+def describe_band(hand: HandModel, solution: ForceSolution, q: Array) -> StiffnessBand:
     """The band of a plan's record: with the hand's own servos, where their gains are known."""
     gains = servo_gains(hand)
-    band = band_of(hand, solution, q, gains, FACTORS)
+    band = find_band(hand, solution, q, gains, FACTORS)
     return StiffnessBand(
         servos=f"servos of {_in_words(hand, gains)}",
         factors=band.factors,
@@ -50,19 +50,19 @@ def told_band(hand: HandModel, solution: ForceSolution, q: Array) -> StiffnessBa
     )
 
 
-def band_of(hand: HandModel, solution: ForceSolution, q: Array, gains: Array, factors: ArrayLike) -> ForceBand:
+def find_band(hand: HandModel, solution: ForceSolution, q: Array, gains: Array, factors: ArrayLike) -> ForceBand:
     """The forces that come on contacts ``factors`` (s,) times as stiff as planned, with servos of ``gains`` (n,)."""
     return force_band(solution, compliant_hand(hand, solution, q, gains), factors)
 
 
-def scenarios_of(
+def find_scenarios(
     hand: HandModel, solution: ForceSolution, q: Array, factors: ArrayLike
 ) -> tuple[StiffnessScenario, ...]:
     """What a squeeze becomes on contacts ``factors`` (s,) times as stiff as assumed, with the hand's own servos."""
     return stiffness_scenarios(solution, compliant_hand(hand, solution, q, servo_gains(hand)), factors)
 
 
-def gains_of(hand: HandModel, solution: ForceSolution, q: Array, tolerance: float, factors: ArrayLike) -> GainLimit:
+def find_gains(hand: HandModel, solution: ForceSolution, q: Array, tolerance: float, factors: ArrayLike) -> GainLimit:
     """The stiffest servos with which no F_n is off by more than ``tolerance`` on these contacts."""
     return gains_within(solution, compliant_hand(hand, solution, q, servo_gains(hand)), tolerance, factors=factors)
 

@@ -30,8 +30,8 @@ from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
-from pinograsp.planner.compliance import band_of, gains_of, stiffness_of, told_band
-from pinograsp.planner.margins import margin_cautions, margins_of, reach_of
+from pinograsp.planner.compliance import describe_band, find_band, find_gains, stiffness_of
+from pinograsp.planner.margins import find_margins, find_reach, margin_cautions
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
 from pinograsp.writing import NewFolder
@@ -75,13 +75,13 @@ class GraspPlan(PlanRecord):
         """The same plan with what the grasp bears besides its load, and cautions of that; a tenth of a second."""
         if self.margins is not None:
             return self
-        band = told_band(self.hand, self.solution, self.motion.q[-1])
-        margins = margins_of(self.solution, self._reaction(), band)
+        band = describe_band(self.hand, self.solution, self.motion.q[-1])
+        margins = find_margins(self.solution, self._reaction(), band)
         return replace(self, margins=margins, cautions=(*self.cautions, *margin_cautions(margins, self.weight)))
 
     def with_reach(self) -> GraspPlan:
         """The same plan with the forces that may come on top of the load, by direction; a second or two."""
-        return self if self.reach is not None else replace(self, reach=reach_of(self.solution, self._reaction()))
+        return self if self.reach is not None else replace(self, reach=find_reach(self.solution, self._reaction()))
 
     def force_band(self, stiffness: ArrayLike | None = None, factors: ArrayLike = FACTORS) -> ForceBand:
         """The forces that come where the contacts are ``factors`` times as stiff as planned (s,), 1/5 to 20 times.
@@ -94,7 +94,7 @@ class GraspPlan(PlanRecord):
         Raises:
             InvalidInput: unusable numbers.
         """
-        return band_of(self.hand, self.solution, self.motion.q[-1], servo_gains(self.hand, stiffness), factors)
+        return find_band(self.hand, self.solution, self.motion.q[-1], servo_gains(self.hand, stiffness), factors)
 
     def gains_within(self, tolerance: float = 0.2, factors: ArrayLike = FACTORS) -> GainLimit:
         """The stiffest servos with which no normal force is off by more than ``tolerance`` (a share) on such contacts.
@@ -102,7 +102,7 @@ class GraspPlan(PlanRecord):
         See :func:`pinograsp.actuation.gains_within`; servos at sliding joints stay 1 / (30 mm)^2 times as stiff as
         those of turning ones. Raises as :meth:`force_band`.
         """
-        return gains_of(self.hand, self.solution, self.motion.q[-1], tolerance, factors)
+        return find_gains(self.hand, self.solution, self.motion.q[-1], tolerance, factors)
 
     def object_stiffness(self, stiffness: ArrayLike | None = None) -> ObjectStiffness:
         """Stiffness of the held object with servos as for :meth:`force_band`: unstable where ``margin`` is below 0.

@@ -15,7 +15,7 @@ from pinograsp.plan.parts import WEAK
 _DIRECTIONS = 48  # around a plane, in which forces are looked for
 
 
-def margins_of(solution: ForceSolution, reaction: Reaction, band: StiffnessBand) -> PlanMargins:
+def find_margins(solution: ForceSolution, reaction: Reaction, band: StiffnessBand) -> PlanMargins:
     """Margins of the forces and quality of the grasp; ``band``: on softer and stiffer contacts."""
     problem = solution.problem
     margins = grasp_margins(solution, tolerance=1e-3, reaction=reaction)
@@ -58,7 +58,7 @@ def margin_cautions(margins: PlanMargins, weight: float) -> tuple[str, ...]:
     return ()
 
 
-def reach_of(solution: ForceSolution, reaction: Reaction) -> Reach:
+def find_reach(solution: ForceSolution, reaction: Reaction) -> Reach:
     """Forces that may come on top of the load while the squeeze stays, around the planes xy, xz, yz."""
     problem = replace(solution.problem, friction=replace(solution.problem.friction, safety=1.0))
 

@@ -17,7 +17,7 @@ from pinograsp.forces.relaxation import Setup
 from pinograsp.hands import HandModel
 from pinograsp.motion import MotionSpec, effort_of
 from pinograsp.objects.body import Body
-from pinograsp.planner.assemble import assembled
+from pinograsp.planner.assemble import assemble_plan
 from pinograsp.planner.drive_cautions import find_wrong_way
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.options import AS_USUAL, PlanOptions
@@ -185,7 +185,7 @@ class GraspTask:
         notes: tuple[str, ...] = ()
         if limit is not None and not np.isfinite(limit).any():
             notes = (f"no joint of '{hand.name}' has an effort limit: torques are not limited",)
-        return assembled(
+        return assemble_plan(
             hand,
             stages.forces,
             stages.motion,

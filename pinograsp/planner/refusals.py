@@ -106,11 +106,11 @@ def _options(hand: HandModel, setup: Setup, searched: Setup, plan: Callable[[Set
     if by_forces:
         candidates = relaxations_of(searched, lambda other: forces_exist(other, rows))
     else:  # whole plans show what else is in the way
-        candidates = relaxations_of(setup, lambda other: planned_status(plan, other) is not None, sharp=_COARSE)
+        candidates = relaxations_of(setup, lambda other: try_plan(plan, other) is not None, sharp=_COARSE)
     for relaxations, _ in zip(candidates, range(_TRIED)):
         for times in _WIDER:
             wider = tuple(one.wider(times).rounded(searched) for one in relaxations)
-            status = planned_status(plan, relaxed(setup, wider))
+            status = try_plan(plan, relaxed(setup, wider))
             if status is not None:
                 found.append(Option(relaxations=wider, status=status))
                 break
@@ -118,7 +118,7 @@ def _options(hand: HandModel, setup: Setup, searched: Setup, plan: Callable[[Set
     return good or found
 
 
-def planned_status(plan: Callable[[Setup], GraspPlan], setup: Setup) -> Status | None:
+def try_plan(plan: Callable[[Setup], GraspPlan], setup: Setup) -> Status | None:
     """How a plan of the set-up comes out; None where it does not."""
     try:
         status = plan(setup).status
@@ -133,7 +133,7 @@ def underactuated(problem: ForceProblem) -> tuple[str, ...]:
     return () if under is None else tuple(dict.fromkeys(under.why))
 
 
-def freed(problem: ForceProblem, why: str | None = None) -> ForceProblem:
+def free_drives(problem: ForceProblem, why: str | None = None) -> ForceProblem:
     """The problem without the equations of an underactuated hand, or without those of one drive."""
     torques = problem.torques
     if torques is None or torques.underactuation is None:
@@ -147,9 +147,9 @@ def freed(problem: ForceProblem, why: str | None = None) -> ForceProblem:
 def _drives_in_the_way(problem: ForceProblem, holds: Callable[[ForceProblem], bool]) -> str:
     """What the hand's drives have to do with it that no forces are found, "" where it is not their fault."""
     reasons = underactuated(problem)
-    if not reasons or not holds(freed(problem)):
+    if not reasons or not holds(free_drives(problem)):
         return ""
-    alone = [why for why in reasons if holds(freed(problem, why))]
+    alone = [why for why in reasons if holds(free_drives(problem, why))]
     which = f"in the way: {'; or '.join(alone)}" if alone else f"in the way together: {'; '.join(reasons)}"
     return (
         "no grasp found that this hand can make: forces hold the object, but its drives cannot make the joint torques "
@@ -190,7 +190,7 @@ def no_forces(squeeze: RobustForces, problem: ForceProblem) -> ConvexSolution:
     )
 
 
-def not_made(hand: HandModel, problem: ForceProblem, reserve: Reserve, together: PressingTogether | None) -> str:
+def explain_unmade(hand: HandModel, problem: ForceProblem, reserve: Reserve, together: PressingTogether | None) -> str:
     """Why the hand cannot make the forces that would hold the object."""
     if reserve.stiffness_factors:
         gains = servo_gains(hand)
@@ -218,12 +218,12 @@ def refuse_failure(forces: _Solution, why: Callable[[_Solution], str]) -> None:
     raise kind(f"no grasp found, and none is ruled out ({forces.status}): nothing is proven", forces)
 
 
-def rejections(forces: GridSolution) -> str:
+def explain_grid(forces: GridSolution) -> str:
     """What a grid has to say for itself."""
     return f"no grasp found on the grid\n{forces.explain()}"
 
 
-def proof(forces: ForceSolution) -> str:
+def explain_proof(forces: ForceSolution) -> str:
     """The proof, at the impact time that admits the largest forces."""
     if not_made := _drives_in_the_way(forces.problem, lambda other: optimize_grasp(other, progress=False).found):
         return not_made

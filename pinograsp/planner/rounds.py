@@ -37,17 +37,17 @@ from pinograsp.motion import (
     torques_matter,
 )
 from pinograsp.plan import Motion, PlanReserve
-from pinograsp.planner.assemble import reserve_of
-from pinograsp.planner.compliance import scenarios_of
+from pinograsp.planner.assemble import record_reserve
+from pinograsp.planner.compliance import find_scenarios
 from pinograsp.planner.options import PlanOptions
 from pinograsp.planner.refusals import (
-    freed,
+    explain_grid,
+    explain_proof,
+    explain_unmade,
+    free_drives,
     no_forces,
-    not_made,
-    proof,
     refuse_failure,
     refuse_no_squeeze,
-    rejections,
     underactuated,
 )
 from pinograsp.spatial import Array
@@ -123,7 +123,7 @@ def _search_grid(
     solver = one_of("solver of a grid", "daqp" if options.solver == "auto" else options.solver, qp_solvers())
     kind = one_of("search", options.search, SEARCHES)
     forces = grid_search(problem, options.grid, search=kind, solver=solver, progress=progress)
-    refuse_failure(forces, rejections)
+    refuse_failure(forces, explain_grid)
     watch.stop("forces")
     motion = plan_motion(hand, forces, options.motion)
     watch.stop("motion")
@@ -144,7 +144,7 @@ def _search_optimum(hand: HandModel, setup: Setup, options: PlanOptions, progres
     objective = options.objective if limit is None else None
     for _ in range(_TORQUE_ROUNDS):
         forces = optimize_grasp(searched, objective=objective, solver=options.solver, progress=progress)
-        refuse_failure(forces, proof)
+        refuse_failure(forces, explain_proof)
         watch.stop("forces")
         motion = plan_motion(hand, forces, options.motion)
         watch.stop("motion")
@@ -200,14 +200,14 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
             break
         squeeze, forces, motion = coming
         tried += squeeze.tried
-    record = reserve_of(reserve, squeeze, tried, least)
+    record = record_reserve(reserve, squeeze, tried, least)
     return ForcesAndMotion(forces=forces, motion=motion, elapsed=watch.elapsed, reserve=record)
 
 
 def _least_of_any_hand(squeeze: RobustForces, problem: ForceProblem, reserve: Reserve, options: PlanOptions) -> float:
     """Lower bound of the objective of a hand that could make any forces."""
     if underactuated(problem):
-        squeeze = search_reserve(freed(problem), reserve, objective=options.objective)
+        squeeze = search_reserve(free_drives(problem), reserve, objective=options.objective)
     return squeeze.certificate.lower_bound if squeeze.certificate is not None else 0.0
 
 
@@ -228,11 +228,11 @@ def _search_producible(
         q = instance_of("posture of the contacts", posture, np.ndarray)
 
         def scenarios(solution: ForceSolution) -> tuple[StiffnessScenario, ...]:
-            return scenarios_of(hand, solution, q, factors)
+            return find_scenarios(hand, solution, q, factors)
 
     producible = producible_reserve(problem, reserve, squeeze, rows, objective=options.objective, scenarios=scenarios)
     if producible.status is not Status.OK:
-        raise GraspUndecided(not_made(hand, problem, reserve, together), no_forces(producible, problem))
+        raise GraspUndecided(explain_unmade(hand, problem, reserve, together), no_forces(producible, problem))
     return producible
 
 

@@ -23,7 +23,7 @@ from pinograsp.spatial import Array
 from pinograsp.synthesis.found import FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centred
 from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refined
-from pinograsp.synthesis.seeds import Pairs, Region, pairs_of
+from pinograsp.synthesis.seeds import Pairs, Region, find_pairs
 from pinograsp.words import printable
 
 _BLOCKED = ("the open hand overlaps the object", "the open hand overlaps the object or the table")
@@ -57,7 +57,7 @@ class SearchCase:
     region: Region | None = None
 
 
-def case_of(
+def make_case(
     hand: HandModel,
     body: Body,
     conditions: GraspConditions,
@@ -84,7 +84,7 @@ def case_of(
         impact_time=impact_time,
         wrap=wrap,
         preshapes=tuple(good),
-        pairs=pairs_of(body, rng, region),
+        pairs=find_pairs(body, rng, region),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
         region=region,
     )
@@ -112,7 +112,7 @@ class Posed(NamedTuple):
     closed: Array
 
 
-def batch_of(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
+def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     """Draw and close ``size`` samples, and refine the best."""
     outcomes: list[str] = []
     best: tuple[Posed, Tried] | None = None

@@ -42,7 +42,7 @@ from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.synthesis.found import SOUND, FoundGrasp
 from pinograsp.synthesis.near import what_would_do, wider_conditions
-from pinograsp.synthesis.samples import Batch, SearchCase, batch_of, case_of
+from pinograsp.synthesis.samples import Batch, SearchCase, make_batch, make_case
 from pinograsp.synthesis.seeds import Region
 from pinograsp.writing import write_errors
 
@@ -174,7 +174,7 @@ def find_grasps(
     instance_of("progress", progress, bool, type(None))
     first, *rounds = np.random.SeedSequence(seed).spawn(1 + _ROUNDS)
     try:
-        case = case_of(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), region)
+        case = make_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), region)
     except Exception as error:
         raise _plain(error) from None
     widths = [one.width for one in case.preshapes]
@@ -335,7 +335,7 @@ def _case(path: str) -> SearchCase:
 def _try(case: SearchCase | str, seed: np.random.SeedSequence, size: int) -> Batch | Exception:
     """A batch of samples, or the error that it ended in."""
     try:
-        return batch_of(_case(case) if isinstance(case, str) else case, np.random.default_rng(seed), size)
+        return make_batch(_case(case) if isinstance(case, str) else case, np.random.default_rng(seed), size)
     except Exception as error:
         return _plain(error)
 

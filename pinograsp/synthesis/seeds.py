@@ -67,7 +67,7 @@ class Region:
         return points
 
 
-def pairs_of(body: Body, rng: np.random.Generator, region: Region | None = None) -> Pairs:
+def find_pairs(body: Body, rng: np.random.Generator, region: Region | None = None) -> Pairs:
     """Pairs of an object: lines along the normals of random surface points, from there to the other side.
 
     Raises:

@@ -30,7 +30,7 @@ CALLS = {
     "past_edges": lambda x: quality.past_edges(BALL, THREE, x),
     "effort_of": lambda x: motion.effort_of(x, "effort"),
     "normal_at_rest": lambda x: motion.normal_at_rest(x, ANSWER),
-    "failure_of": lambda x: planner.failure_of(x, "hand", {}),
+    "record_failure": lambda x: planner.record_failure(x, "hand", {}),
     "problem_of": lambda x: synthesis.problem_of(None, BALL, THREE, x),
     "figure_files": figures.figure_files,
     "picture_of": lambda x: still.picture_of(x, 0.5),

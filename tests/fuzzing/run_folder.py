@@ -17,7 +17,7 @@ import pinograsp as pg
 from pinograsp.errors import GraspInfeasible, InvalidInput
 from pinograsp.handover import joint_trajectory
 from pinograsp.plan import PlanFailure
-from pinograsp.planner import failure_of, save_run
+from pinograsp.planner import record_failure, save_run
 from pinograsp.report import write_report
 from pinograsp.simulation import simulate
 from pinograsp.storage import newest_check, read_check, read_run, write_simulation
@@ -124,7 +124,7 @@ def prepare() -> None:
         try:
             case.plan()
         except GraspInfeasible as error:
-            save_run(failure_of(error, "humanoid", case.settings()), Path(root) / "none")
+            save_run(record_failure(error, "humanoid", case.settings()), Path(root) / "none")
         for folder in Path(root).iterdir():
             _files[folder.name] = {
                 str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()

@@ -27,7 +27,7 @@ from pinograsp.objects import Box, Cylinder, Mesh, Sphere
 from pinograsp.planner import plan_grasp, plan_grasp_on
 from pinograsp.synthesis import find_grasps
 from pinograsp.synthesis.preshapes import preshapes
-from pinograsp.synthesis.seeds import pairs_of
+from pinograsp.synthesis.seeds import find_pairs
 
 CONDITIONS = GraspConditions(mu=0.7, friction=Friction(model="soft", torsion=0.005))
 SETTINGS = {"conditions": CONDITIONS, "progress": False}
@@ -140,7 +140,7 @@ def test_pairs_face_each_other(shape):
         body = Mesh(vertices=tube.vertices, faces=tube.faces, density=300)
     else:
         body = {"sphere": Sphere(radius=0.02, mass=0.1), "box": Box(size=(0.02, 0.03, 0.05), mass=0.1)}[shape]
-    pairs = pairs_of(body, rng)
+    pairs = find_pairs(body, rng)
     assert len(pairs.widths) > 50 and np.all(np.diff(pairs.aside) >= 0)
     ends = pairs.middles_o + 0.5 * pairs.widths[:, None] * pairs.axes_o * np.array([[[-1.0]], [[1.0]]])
     first, second = body.project(ends[0])[1], body.project(ends[1])[1]
@@ -373,7 +373,7 @@ STOPPED = """
 import pinograsp as pg
 from pinograsp.synthesis import find_grasps
 from pinograsp.synthesis.preshapes import preshapes
-from pinograsp.synthesis.seeds import pairs_of
+from pinograsp.synthesis.seeds import find_pairs
 if __name__ == "__main__":
     print("started", flush=True)
     search = find_grasps(pg.load_hand("allegro_right"), pg.Sphere(radius=0.03, mass=0.15), count=100_000, conditions=pg.GraspConditions(mu=0.7), jobs=2, progress=False)

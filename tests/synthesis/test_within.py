@@ -14,7 +14,7 @@ from pinograsp.forces import GraspConditions
 from pinograsp.hands import load_hand
 from pinograsp.objects import Box, Cylinder
 from pinograsp.synthesis import find_grasps
-from pinograsp.synthesis.seeds import Region, pairs_of
+from pinograsp.synthesis.seeds import Region, find_pairs
 
 CONDITIONS = GraspConditions(mu=0.7, friction=Friction(model="soft", torsion=0.005), reserve=None)
 POSE = pin.SE3(pin.utils.rotate("x", 0.7) @ pin.utils.rotate("z", 0.4), np.array([0.3, -0.1, 0.5])).homogeneous
@@ -75,7 +75,7 @@ def test_the_distance_from_a_region_moves_with_the_object():
 def test_pairs_of_a_thin_part_alone():
     bar = Box(size=(0.03, 0.03, 0.2), mass=0.1, pose=POSE)
     region = Region(lower=np.array([-0.02, -0.02, 0.06]), upper=np.array([0.02, 0.02, 0.08]), pose=POSE)
-    pairs = pairs_of(bar, np.random.default_rng(1), region)
+    pairs = find_pairs(bar, np.random.default_rng(1), region)
     assert len(pairs.widths) > 50 and np.allclose(pairs.widths, 0.03, atol=1e-4)
     assert np.allclose(region.outside(pairs.middles_o), 0)
 
