@@ -346,7 +346,7 @@ MISSING = object()
         ("check/record.json", "release", "never"),
         ("check/record.json", "disturbance", None),
     ],
-    ids=lambda value: f"{value!r:.30}",
+    ids=lambda value: "missing" if value is MISSING else f"{value!r:.30}",
 )
 def test_documents_are_checked_when_they_are_read(whole, tmp_path, file, path, value):
     folder = shutil.copytree(whole, tmp_path / "run")
