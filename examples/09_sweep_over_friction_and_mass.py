@@ -26,7 +26,7 @@ def main() -> None:
         from distributed import LocalCluster
 
         with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-            again = sweep(SWEEP, "on_dask", backend="dask", scheduler=cluster.scheduler_address)
+            again = sweep(SWEEP, "on_dask", executor="dask", scheduler=cluster.scheduler_address)
         print(f"on Dask: {again.rows} plans in {again.elapsed:.1f} s")
 
 

@@ -157,11 +157,11 @@ class WorkerOptions:
     """Who works on many things at once."""
 
     jobs: Annotated[int, _work(help="Processes; -1: all cores.")] = -1
-    backend: Annotated[
+    executor: Annotated[
         str,
         _work(
             help="joblib: this machine, or dask: the cluster of --scheduler.",
-            autocompletion=completion.one_of(completion.BACKENDS),
+            autocompletion=completion.one_of(completion.EXECUTORS),
         ),
     ] = "joblib"
     scheduler: Annotated[
@@ -171,9 +171,9 @@ class WorkerOptions:
     def settings(self) -> dict[str, Any]:
         """By the names of the functions that sweep."""
         from pinograsp.checks import one_of
-        from pinograsp.sweep.workers import BACKENDS
+        from pinograsp.sweep.runner import EXECUTORS
 
-        return {"jobs": self.jobs, "backend": one_of("backend", self.backend, BACKENDS), "scheduler": self.scheduler}
+        return {"jobs": self.jobs, "executor": one_of("executor", self.executor, EXECUTORS), "scheduler": self.scheduler}
 
 
 RunFolder = Annotated[

@@ -45,7 +45,7 @@ def sweep(
 
       pinograsp sweep friction.yaml --out runs/again --jobs 2
 
-    On a cluster of Dask: --backend dask --scheduler tcp://ADDRESS:8786.
+    On a cluster of Dask: --executor dask --scheduler tcp://ADDRESS:8786.
     """
     from pinograsp.sweep import sweep
     from pinograsp.writing import safe_name

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import pickle
 import time
 from collections import Counter
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tqdm import tqdm
 
 from pinograsp import defaults
 from pinograsp.certification import placement_hint
-from pinograsp.checks import brief, flag, instance_of, items_of, number, one_of, path_of, processes
+from pinograsp.checks import brief, flag, instance_of, items_of, number, one_of, path_of
 from pinograsp.data import FORMATS, joined, read_grasps, write_grasps
 from pinograsp.errors import ExtraMissing, GraspsNotRead, InvalidInput, Status
 from pinograsp.forces import GraspConditions
@@ -27,7 +25,7 @@ from pinograsp.sweep.certified_rows import Prepared, blocks_of, certified_block,
 from pinograsp.sweep.certified_table import REFUSED, schema_of
 from pinograsp.sweep.inputs import Inputs, plain, settings_of_conditions, settings_of_hand
 from pinograsp.sweep.parts import Parts, Work, read_part, read_parts
-from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend, collected
+from pinograsp.sweep.runner import Executor, Runner
 from pinograsp.writing import place_of, write_errors
 
 if TYPE_CHECKING:
@@ -38,7 +36,6 @@ _WORK = Work("pinograsp.certified/1", "certification", "certify")
 # Labels that are written back, and the largest number that 32 bits hold.
 _WRITTEN, _MOST = ("reserve", "least_mu", "largest_load_N"), 3.4e38
 _COUNTED = ("file", "row", "reason", "message", "object", "code", "depth_m")
-_SAVED_EVERY = 2.0  # [s] between writes: what may have to be computed again when the process is killed
 _BLOCK = 512  # grasps at once: half a second of work
 
 
@@ -148,7 +145,7 @@ def certify_files(
     tolerance: float = defaults.TOUCHES,
     drives: bool = True,
     jobs: int = -1,
-    backend: Backend = "joblib",
+    executor: Executor = "joblib",
     scheduler: str | None = None,
     progress: bool | None = None,
 ) -> Certified:
@@ -169,7 +166,7 @@ def certify_files(
         tolerance: likewise [m].
         drives: likewise.
         jobs: processes; -1: all cores; 1: this process.
-        backend: ``"joblib"``, or ``"dask"``, whose workers need this package, and the objects at the same paths.
+        executor: ``"joblib"``, or ``"dask"``, whose workers need this package, and the objects at the same paths.
         scheduler: address of a Dask scheduler, such as ``"tcp://10.0.0.1:8786"``.
         progress: bar on stderr: None (on a terminal), True or False.
 
@@ -185,10 +182,7 @@ def certify_files(
     instance_of("conditions", conditions, GraspConditions)
     tolerance = number("tolerance", tolerance, above=0, unit="m")
     flag("drives", drives)
-    progress = None if progress is None else flag("progress", progress)
-    jobs = processes(jobs)
-    one_of("backend", backend, BACKENDS)
-    check_backend(backend, scheduler)
+    runner = Runner(jobs=jobs, executor=executor, scheduler=scheduler, progress=progress)
     payload = pickle.dumps(
         Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance, bool(drives))
     )
@@ -203,23 +197,23 @@ def certify_files(
         "tolerance": tolerance,
         "drives": bool(drives),
     }
-    with Parts(path_of("folder", folder), _WORK, settings, {}) as parts:
-        run = _Run(data, parts)
-        if scheduler is not None:
-            results = by_dask(certified_block, run.work(payload), scheduler)
-        else:
-            results = by_joblib(certified_block, run.work(payload), jobs)
-        with contextlib.closing(results):
-            interrupted = run.collect(results, progress)
-        if not interrupted:
-            parts.merge()
+    with _Rows(path_of("folder", folder), settings, Inputs(data.objects)) as rows:
+        interrupted = runner.run(
+            certified_block,
+            _work(data, rows, payload),
+            rows,
+            rows.take,
+            label="certify",
+            unit="grasp",
+            done=sum(rows.counts.values()),
+        )
         return Certified(
             folder=Path(folder),
-            rows=sum(run.counts.values()) - run.counts[REFUSED],
-            counts=dict(run.counts),
-            faults=run.faults,
-            hints=run.hints,
-            changed=run.changed,
+            rows=sum(rows.counts.values()) - rows.counts[REFUSED],
+            counts=dict(rows.counts),
+            faults=rows.faults,
+            hints=rows.hints,
+            changed=rows.changed,
             interrupted=interrupted,
             elapsed=time.perf_counter() - started,
         )
@@ -291,25 +285,37 @@ def _padded(column: pa.ChunkedArray) -> Array:
     return found
 
 
-class _Run:
-    """The files that are left, block by block, and what came of them."""
+class _Rows(Parts):
+    """The rows of a certification: a table in a folder, and what it says.
 
-    def __init__(self, data: DataSet, parts: Parts):
-        self.data, self.parts, self.inputs = data, parts, Inputs(data.objects)
+    Attributes:
+        inputs: contents of the files that rows are of.
+        changed: files whose rows were of another content, and are removed.
+        counts: number of rows by reason.
+        faults: what could not be read or used, ``{file: message}``.
+        done: which rows are there, by file and number.
+    """
+
+    def __init__(self, folder: Path, settings: dict[str, Any], inputs: Inputs):
+        super().__init__(folder, _WORK, settings, {})
+        self.inputs = inputs
         self.counts: Counter[str] = Counter()
         self.faults: dict[str, str] = {}
         self.done: set[tuple[str, int]] = set()
-        self.placing: dict[str, list[tuple[int, float]]] = {}
-        self.kept: list[pa.Table] = []
-        self.changed = self._outdated()
-        parts.remove_rows("file", self.changed)
-        for one in parts.live:
-            self._count(read_part(one, list(_COUNTED)))
+        self._placing: dict[str, list[tuple[int, float]]] = {}
+        try:
+            self.changed = self._outdated()
+            self.remove_rows("file", self.changed)
+            for one in self.live:
+                self.count(read_part(one, list(_COUNTED)))
+        except BaseException:
+            self.__exit__()
+            raise
 
     def _outdated(self) -> tuple[str, ...]:
         """The files whose rows are of another content than theirs, or their object's, is now."""
         rows_of: set[tuple[str, str | None, str]] = set()
-        for one in self.parts.live:
+        for one in self.live:
             table = read_part(one, ["file", "object", "inputs"]).group_by(["file", "object", "inputs"]).aggregate([])
             rows_of.update(zip(*(table[name].to_pylist() for name in ("file", "object", "inputs"))))
         return tuple(
@@ -320,14 +326,15 @@ class _Run:
             )
         )
 
-    def _count(self, table: pa.Table) -> None:
+    def count(self, table: pa.Table) -> None:
+        """Note which rows are there, and what they say."""
         columns = (table[name].to_pylist() for name in _COUNTED)
         for file, row, reason, message, name, code, depth in zip(*columns):
             self.counts[reason] += 1
             if reason == REFUSED:
                 self.faults[file] = message
             else:
-                self.placing.setdefault(name, []).append((code, depth))
+                self._placing.setdefault(name, []).append((code, depth))
             self.done.add((file, row))
 
     @property
@@ -335,57 +342,35 @@ class _Run:
         """What to look at, by the objects whose grasps are nearly all misplaced."""
         found = {
             name: placement_hint([code for code, _ in rows], [depth for _, depth in rows], f"'{name}'")
-            for name, rows in self.placing.items()
+            for name, rows in self._placing.items()
         }
         return {name: hint for name, hint in found.items() if hint}
 
-    def work(self, payload: bytes) -> Iterator[tuple[object, ...]]:
-        """The blocks that are left, in the order of the files."""
-        for path in self.data.files:
-            name = str(path)
-            if (name, -1) in self.done:
-                continue
-            source = self.inputs.source(path, None)
-            try:
-                for rows in read_grasps(path, format=self.data.format, block=_BLOCK):
-                    source = self.inputs.source(path, object_named(rows))
-                    for block in blocks_of(rows, self.data.hand, **self.data.meant):
-                        if not all((name, row) in self.done for row in block.rows.tolist()):
-                            yield payload, source, block, ""
-            except ExtraMissing:
-                raise
-            except Exception as error:  # one file must not end the certification of the others
-                yield payload, source, None, fault_of(error)
+    def take(self, table: pa.Table) -> int:
+        """Keep the rows of a block; of the faults of one file, the first."""
+        file, reason = (table[name][0].as_py() for name in ("file", "reason"))
+        if reason == REFUSED:
+            if file in self.faults:  # another block of the same file
+                return 0
+            self.faults[file] = table["message"][0].as_py()
+        self.add(table)
+        return int(table.num_rows)
 
-    def collect(self, results: Generator[pa.Table, None, None], progress: bool | None) -> bool:
-        """Store the rows as they come; returns whether Ctrl-C stopped it."""
-        bar = tqdm(
-            desc="certify",
-            initial=sum(self.counts.values()),
-            unit="grasp",
-            disable=None if progress is None else not progress,
-            leave=False,
-        )
 
-        def take(table: pa.Table) -> None:
-            file, reason = (table[name][0].as_py() for name in ("file", "reason"))
-            if reason == REFUSED:
-                if file in self.faults:  # another block of the same file
-                    return
-                self.faults[file] = table["message"][0].as_py()
-            self.kept.append(table)
-            bar.update(table.num_rows)
-
-        return collected(results, take, self.save, _SAVED_EVERY, bar)
-
-    def save(self) -> None:
-        """Write what came. Called again after an interruption, it writes no row twice."""
-        if not self.kept:
-            return
-        import pyarrow as pa
-
-        table = pa.concat_tables(self.kept)
-        self.parts.write(table)
-        self.kept, self.parts.next = [], self.parts.next + 1
-        self._count(table)
-        self.parts.merge_some()
+def _work(data: DataSet, rows: _Rows, payload: bytes) -> Iterator[tuple[object, ...]]:
+    """The blocks that are left, in the order of the files."""
+    for path in data.files:
+        name = str(path)
+        if (name, -1) in rows.done:
+            continue
+        source = rows.inputs.source(path, None)
+        try:
+            for grasps in read_grasps(path, format=data.format, block=_BLOCK):
+                source = rows.inputs.source(path, object_named(grasps))
+                for block in blocks_of(grasps, data.hand, **data.meant):
+                    if not all((name, row) in rows.done for row in block.rows.tolist()):
+                        yield payload, source, block, ""
+        except ExtraMissing:
+            raise
+        except Exception as error:  # one file must not end the certification of the others
+            yield payload, source, None, fault_of(error)

@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterable
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from pinograsp.checks import one_line
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
@@ -28,6 +28,9 @@ _PART = re.compile(r"part-(\d{6,})-(\d{6,})\.parquet")
 _KINDS = {"hash": str, "settings": dict, "versions": dict}  # what a manifest has
 _SHOWN = 5  # differences that a message names
 _MERGED = 100  # number of parts that are merged into one
+
+
+_Parts = TypeVar("_Parts", bound="Parts")
 
 
 class Work(NamedTuple):
@@ -50,6 +53,7 @@ class Parts:
         need_pyarrow(work)
         self.folder, self.work = folder, work
         self._held = contextlib.ExitStack()
+        self._kept: list[pa.Table] = []
         text = json.dumps(settings, sort_keys=True)
         manifest = {
             "schema": work.schema,
@@ -125,6 +129,26 @@ class Parts:
             )
         write_file(self.folder / f"part-{self.next:06d}-{self.next:06d}.parquet", _parquet([table]))
 
+    def add(self, table: pa.Table) -> None:
+        """Keep rows; the next :meth:`save` writes them."""
+        self._kept.append(table)
+
+    def save(self) -> None:
+        """Write the rows that were added. Called again after an interruption, it writes no row twice."""
+        if not self._kept:
+            return
+        import pyarrow as pa
+
+        table = pa.concat_tables(self._kept)
+        self.write(table)
+        self._kept, self.next = [], self.next + 1
+        self.count(table)
+        if self.next % _MERGED == 0:
+            self.merge()
+
+    def count(self, table: pa.Table) -> None:
+        """Hear of rows that are on disk; what kind of work it is knows what to count."""
+
     def remove_rows(self, column: str, values: Collection[str]) -> None:
         """Remove the rows that have one of the ``values`` in a column, part by part."""
         if not values:
@@ -138,11 +162,6 @@ class Parts:
             if left.num_rows < table.num_rows:
                 write_file(path, _parquet([left]))
 
-    def merge_some(self) -> None:
-        """Merge parts now and then."""
-        if self.next % _MERGED == 0:
-            self.merge()
-
     def merge(self) -> None:
         """Merge small parts into one: work of a day would leave tens of thousands."""
         small = [one for one in live_parts(self.folder)[0] if _span(one)[0] == _span(one)[1]]
@@ -154,7 +173,7 @@ class Parts:
             for one in small:
                 one.unlink()
 
-    def __enter__(self) -> Parts:
+    def __enter__(self: _Parts) -> _Parts:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from collections import deque
-from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import joblib
 import numpy as np
-from tqdm import tqdm
 
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
-from pinograsp.checks import brief, flag, one_of, path_of, processes
+from pinograsp.checks import brief, path_of
 from pinograsp.spatial import IntArray
 from pinograsp.sweep.rows import FIGURES, ChunkResult, Row, kind_of, run_chunk
+from pinograsp.sweep.runner import Executor, Runner
 from pinograsp.sweep.store import Store, read_sweep
-from pinograsp.sweep.workers import BACKENDS, Backend, by_dask, by_joblib, check_backend, collected
 
 if TYPE_CHECKING:
     import pyarrow
 
-_SAVED_EVERY = 2.0  # [s] between writes: the rows that may be lost when the process is killed
 _CHUNK = 0.3  # [s] of work in a chunk: long compared with its transfer, short compared with the sweep
 _MOST_AT_ONCE = 2000  # rows of a chunk
 
@@ -73,7 +68,7 @@ def sweep(
     folder: str | Path,
     *,
     jobs: int = -1,
-    backend: Backend = "joblib",
+    executor: Executor = "joblib",
     scheduler: str | None = None,
     progress: bool | None = None,
 ) -> Sweep:
@@ -89,40 +84,45 @@ def sweep(
         spec: a sweep file, a mapping with the same content, or a sweep that was loaded.
         folder: for the rows, as Parquet files that are written every two seconds; a new folder, or one of this sweep.
         jobs: processes of ``"joblib"``; -1: all cores; 1: this process.
-        backend: ``"joblib"``, or ``"dask"``, whose workers need this package, and the files of hands and meshes at the
+        executor: ``"joblib"``, or ``"dask"``, whose workers need this package, and the files of hands and meshes at the
             same paths.
         scheduler: address of a Dask scheduler, such as ``"tcp://10.0.0.1:8786"``.
         progress: bar on stderr: None (on a terminal), True or False.
 
     Raises:
         CaseRejected: a sweep or case that cannot be used.
-        InvalidInput: jobs, backend or scheduler.
+        InvalidInput: jobs, executor or scheduler.
         ResultsNotWritten: the folder holds another sweep or other files, is in use, or cannot be written.
         ExtraMissing: pyarrow (extra ``sweep``), distributed (``dask``) or, for forces alone, the compiled core is not
             installed.
         PinograspError: workers were lost; completed rows are kept.
     """
     started = time.perf_counter()
-    progress = None if progress is None else flag("progress", progress)
-    jobs = processes(jobs)
-    one_of("backend", backend, BACKENDS)
-    check_backend(backend, scheduler)
+    runner = Runner(jobs=jobs, executor=executor, scheduler=scheduler, progress=progress)
     spec = spec if isinstance(spec, SweepSpec) else load_sweep(spec)
     payload = spec.base.model_copy(update={"files": spec.files}).model_dump_json()
     kinds = {key: kind_of(values) for key, values in spec.inputs.items()}
     with Store(path_of("folder", folder), spec.settings(), spec.rows, {**kinds, **FIGURES[spec.what]}) as store:
         chunks = _Chunks(spec, np.flatnonzero(~store.have))
-        if scheduler is not None:
+
+        def take(result: ChunkResult) -> int:
+            rows, seconds, left = result
+            chunks.report(seconds / len(rows), left)
+            store.add_rows(rows)
+            return len(rows)
+
+        interrupted = runner.run(
+            run_chunk,
             # A map, unlike a generator, goes on with rows that workers return after the last chunk was sent.
-            work = map(lambda rows: (payload, rows), chunks)
-            results: Generator[ChunkResult, None, None] = by_dask(run_chunk, work, scheduler, chunks.employ)
-        else:
-            chunks.employ(joblib.effective_n_jobs(jobs))
-            results = _by_joblib(jobs, payload, chunks)
-        with contextlib.closing(results):
-            interrupted = _collect(results, chunks, store, progress)
-        if not interrupted:
-            store.merge()
+            map(lambda rows: (payload, rows), chunks),
+            store,
+            take,
+            label="sweep",
+            unit="row",
+            done=store.done,
+            total=spec.rows,
+            employ=chunks.employ,
+        )
         return Sweep(
             folder=Path(folder),
             rows=spec.rows,
@@ -131,26 +131,6 @@ def sweep(
             interrupted=interrupted,
             elapsed=time.perf_counter() - started,
         )
-
-
-def _collect(results: Generator[ChunkResult, None, None], chunks: _Chunks, store: Store, progress: bool | None) -> bool:
-    """Store the rows as they come; returns whether Ctrl-C stopped it."""
-    bar = tqdm(
-        total=chunks.spec.rows,
-        initial=chunks.spec.rows - len(chunks),
-        desc="sweep",
-        unit="row",
-        disable=None if progress is None else not progress,
-        leave=False,
-    )
-
-    def take(result: ChunkResult) -> None:
-        rows, seconds, left = result
-        chunks.report(seconds / len(rows), left)
-        store.add(rows)
-        bar.update(len(rows))
-
-    return collected(results, take, store.save, _SAVED_EVERY, bar)
 
 
 class _Chunks:
@@ -186,8 +166,3 @@ class _Chunks:
         """Record the ``pace`` of a chunk [s per row], and the rows that it left over."""
         self.pace = pace
         self.back.extend(back)
-
-
-def _by_joblib(jobs: int, payload: str, chunks: _Chunks) -> Generator[ChunkResult, None, None]:
-    while len(chunks):  # workers may have returned rows after the last chunk was sent
-        yield from by_joblib(run_chunk, ((payload, rows) for rows in chunks), jobs)

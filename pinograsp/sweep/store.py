@@ -35,49 +35,37 @@ class Store(Parts):
         super().__init__(folder, _WORK, settings, {"rows": rows, "columns": kinds})
         self.have: BoolArray = np.zeros(rows, dtype=bool)
         self.counts: Counter[str] = Counter()
-        self.kept: list[Row] = []
         try:
-            self._count()
+            for one in self.live:
+                table = read_part(one, ["index", "status"])
+                index = table["index"].to_numpy()
+                if index.min(initial=0) < 0 or index.max(initial=0) >= rows:
+                    raise InvalidInput(
+                        f"'{one}' holds rows that this sweep does not have: remove it, and this sweep's are computed "
+                        "again"
+                    )
+                self.count(table)
         except BaseException:
             self.__exit__()
             raise
 
-    def _count(self) -> None:
-        for one in self.live:
-            table = read_part(one, ["index", "status"])
-            rows = table["index"].to_numpy()
-            if rows.min(initial=0) < 0 or rows.max(initial=0) >= len(self.have):
-                raise InvalidInput(
-                    f"'{one}' holds rows that this sweep does not have: remove it, and this sweep's are computed again"
-                )
-            self.have[rows] = True
-            self.counts.update(table["status"].to_pylist())
+    def count(self, table: pa.Table) -> None:
+        """Note which rows are there, and their statuses."""
+        self.have[table["index"].to_numpy()] = True
+        self.counts.update(table["status"].to_pylist())
 
     @property
     def done(self) -> int:
         """Number of rows in the folder."""
         return int(self.have.sum())
 
-    def add(self, rows: list[Row]) -> None:
+    def add_rows(self, rows: list[Row]) -> None:
         """Keep rows; the next :meth:`save` writes them."""
-        self.kept += rows
-
-    def save(self) -> None:
-        """Write the rows that were added. Called again after an interruption, it writes no row twice."""
         import pyarrow as pa
 
-        if not self.kept:
-            return
         kinds: dict[str, Kind] = {"index": "whole", **self.kinds}
-        columns = {name: [_cell(kind, row.get(name)) for row in self.kept] for name, kind in kinds.items()}
-        self.write(pa.table(columns, schema=self.schema))
-        new, self.kept, self.next = self.kept, [], self.next + 1
-        self.have[[row["index"] for row in new]] = True
-        self.counts.update(row["status"] for row in new)
-        self.merge_some()
-
-    def __enter__(self) -> Store:
-        return self
+        columns = {name: [_cell(kind, row.get(name)) for row in rows] for name, kind in kinds.items()}
+        self.add(pa.table(columns, schema=self.schema))
 
 
 def read_sweep(folder: str | Path) -> pa.Table:

@@ -46,7 +46,7 @@ def write_file(path: str | Path, content: bytes) -> Path:
                     )  # renamed before its content is on disk, it could be empty after a power cut
                     if place.exists():
                         os.fchmod(stream.fileno(), place.stat().st_mode & 0o777)
-                os.replace(staging, place)
+                staging.replace(place)
             finally:
                 for left in staged(mark(place)):
                     discard(left)

@@ -85,7 +85,7 @@ OPTIONS = [
     "--at",
     "--root",
     "--jobs",
-    "--backend",
+    "--executor",
     "--scheduler",
     "--contacts",
     "--port",

@@ -237,8 +237,8 @@ def test_jaws_of_files_without_openings_close(tmp_path):
 
 SCRIPT = """
 import sys
-from pinograsp.sweep import certified
-certified._SAVED_EVERY, certified._BLOCK = 0.0, 2
+from pinograsp.sweep import certified, runner
+runner._SAVED_EVERY, certified._BLOCK = 0.0, 2
 from pinograsp.cli import main
 main()
 """
@@ -302,7 +302,7 @@ def test_a_cluster_does_the_same(world, tmp_path):
     ) as cluster:
         address = cluster.scheduler_address
         done = certify_files(
-            data_of(world), tmp_path / "out", CONDITIONS, backend="dask", scheduler=address, progress=False
+            data_of(world), tmp_path / "out", CONDITIONS, executor="dask", scheduler=address, progress=False
         )
     assert not done.faults and done.table()["code"].to_pylist() == world["expected"].reason.tolist()
 

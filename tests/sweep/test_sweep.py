@@ -21,7 +21,7 @@ import pinograsp as pg
 from pinograsp.cases import case as case_module, load_case
 from pinograsp.errors import CaseRejected, InvalidInput, ResultsNotWritten, Status, status_of
 from pinograsp.forces import optimize_forces
-from pinograsp.sweep import load_sweep, read_sweep, rows as rows_module, run, sweep, workers
+from pinograsp.sweep import load_sweep, read_sweep, rows as rows_module, run, runner, sweep
 from pinograsp.sweep.rows import kind_of
 from pinograsp.sweep.store import Store
 
@@ -365,7 +365,7 @@ def rows_on_disk(folder: Path) -> int:
         return 0
 
 
-SCRIPT = "import sys\nfrom pinograsp.sweep import run\nrun._SAVED_EVERY = float(sys.argv.pop(1))\nfrom pinograsp.cli import main\nmain()"
+SCRIPT = "import sys\nfrom pinograsp.sweep import runner\nrunner._SAVED_EVERY = float(sys.argv.pop(1))\nfrom pinograsp.cli import main\nmain()"
 
 
 def start(folder: Path, *args, every: float = 0.1) -> subprocess.Popen:
@@ -477,7 +477,7 @@ def test_a_crash_at_any_moment_of_writing_loses_and_doubles_nothing(tmp_path, mo
     def go_on(folder):
         with Store(folder, settings, 5, kinds) as store:
             for index in np.flatnonzero(~store.have).tolist():
-                store.add([{"index": index, "a": float(index), "status": "ok"}])
+                store.add_rows([{"index": index, "a": float(index), "status": "ok"}])
                 store.save()
             store.merge()
         return store
@@ -510,7 +510,7 @@ def test_many_parts_become_one(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_MERGED", 5)
     with Store(tmp_path / "out", {}, 23, {"status": "text"}) as store:
         for index in range(23):
-            store.add([{"index": index, "status": "ok"}])
+            store.add_rows([{"index": index, "status": "ok"}])
             store.save()
         assert sorted(path.name for path in store.folder.glob("part*"))[0] == "part-000000-000004.parquet"
         assert len(list(store.folder.glob("part*"))) == 4 + 3
@@ -530,7 +530,7 @@ def test_an_interruption_while_rows_are_saved_doubles_none(tmp_path, monkeypatch
             raise KeyboardInterrupt
 
     monkeypatch.setattr(module, "write_file", interrupted)
-    monkeypatch.setattr(run, "_SAVED_EVERY", 0.0)
+    monkeypatch.setattr(runner, "_SAVED_EVERY", 0.0)
     done = sweep(GRID, tmp_path / "out", jobs=1, progress=False)
     assert hits and done.interrupted and 0 < done.done < 6
     assert read_sweep(tmp_path / "out").num_rows == done.done
@@ -566,7 +566,7 @@ def test_folders_that_are_refused(grid, tmp_path):
 def test_what_others_have_put_beside_the_rows_stays(tmp_path):
     kinds = {"status": "text"}
     with Store(tmp_path / "out", {}, 4, kinds) as store:
-        store.add([{"index": 0, "status": "ok"}])
+        store.add_rows([{"index": 0, "status": "ok"}])
         store.save()
     theirs = (
         "part-mine-x.parquet",
@@ -582,7 +582,7 @@ def test_what_others_have_put_beside_the_rows_stays(tmp_path):
     for index in (1, 2, 3):
         with Store(tmp_path / "out", {}, 4, kinds) as store:
             assert store.done == index
-            store.add([{"index": index, "status": "ok"}])
+            store.add_rows([{"index": index, "status": "ok"}])
             store.save()
             store.merge()
     assert read_sweep(tmp_path / "out")["index"].to_pylist() == [0, 1, 2, 3]
@@ -618,7 +618,7 @@ def test_a_folder_that_is_taken_away_meanwhile_is_told(tmp_path, how):
             folder.rename(tmp_path / "moved")
         if how == "replaced":
             Store(folder, {"another": 1}, 3, kinds).__exit__()
-        store.add([{"index": 0, "status": "ok"}])
+        store.add_rows([{"index": 0, "status": "ok"}])
         with pytest.raises(ResultsNotWritten, match="was removed, or another has taken its place"):
             store.save()
     assert not list(tmp_path.rglob("part*"))
@@ -629,14 +629,15 @@ import sys
 from pathlib import Path
 import numpy as np
 from pinograsp.errors import ResultsNotWritten
-from pinograsp.sweep import parts as module
-module._MERGED = 5
+from pinograsp.sweep import parts
+from pinograsp.sweep.store import Store
+parts._MERGED = 5
 print("ready", flush=True)
 while True:
     try:
-        with module.Store(Path(sys.argv[1]), {}, 100000, {"status": "text"}) as store:
+        with Store(Path(sys.argv[1]), {}, 100000, {"status": "text"}) as store:
             for index in np.flatnonzero(~store.have)[:30].tolist():
-                store.add([{"index": index, "status": "ok"}])
+                store.add_rows([{"index": index, "status": "ok"}])
                 store.save()
     except ResultsNotWritten:
         pass
@@ -661,7 +662,7 @@ def test_on_a_full_disk_the_rows_are_kept_and_resumed(small_disk):
     folder, kinds = small_disk(64) / "out", {"status": "text"}
     with pytest.raises(ResultsNotWritten, match="No space left"), Store(folder, {}, 100, kinds) as store:
         for index in range(100):
-            store.add([{"index": index, "status": "ok"}])
+            store.add_rows([{"index": index, "status": "ok"}])
             store.save()
     kept = read_sweep(folder)["index"].to_pylist()
     assert kept == list(range(len(kept))) and 0 < len(kept) < 100
@@ -821,8 +822,8 @@ def test_bad_sweeps_say_what_was_expected(tmp_path, name):
     [
         ({"jobs": 0}, "jobs: expected a number of processes from 1 to 1000, or -1"),
         ({"jobs": 1.5}, "jobs: expected"),
-        ({"backend": "dusk"}, "did you mean 'dask'"),
-        ({"backend": "dask"}, "scheduler: expected the address"),
+        ({"executor": "dusk"}, "did you mean 'dask'"),
+        ({"executor": "dask"}, "scheduler: expected the address"),
         ({"scheduler": "tcp://x:1"}, "and only there"),
     ],
 )
@@ -910,13 +911,13 @@ def test_a_dask_cluster_finds_the_same(grid, tmp_path, command):
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
     ) as cluster:
-        done = sweep(GRID, tmp_path / "a", backend="dask", scheduler=cluster.scheduler_address, progress=False)
+        done = sweep(GRID, tmp_path / "a", executor="dask", scheduler=cluster.scheduler_address, progress=False)
         assert done.counts == {"ok": 6} and same(done.table(), grid.table())
         write(tmp_path, draws(16))
         args = (
             "sweep",
             "sweep.yaml",
-            "--backend",
+            "--executor",
             "dask",
             "--scheduler",
             cluster.scheduler_address,
@@ -932,9 +933,9 @@ def test_a_dask_cluster_finds_the_same(grid, tmp_path, command):
 
 def test_no_dask_scheduler_there(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(workers, "_CONNECTED_WITHIN", 0.5)
+    monkeypatch.setattr(runner, "_CONNECTED_WITHIN", 0.5)
     with pytest.raises(InvalidInput, match="expected the address of a running Dask scheduler, got 'tcp://127.0.0.1:1'"):
-        sweep(GRID, tmp_path / "out", backend="dask", scheduler="tcp://127.0.0.1:1", progress=False)
+        sweep(GRID, tmp_path / "out", executor="dask", scheduler="tcp://127.0.0.1:1", progress=False)
 
 
 @pytest.mark.parametrize(
@@ -943,18 +944,18 @@ def test_no_dask_scheduler_there(tmp_path, monkeypatch):
 def test_an_address_without_host_and_port_is_refused(tmp_path, address):
     pytest.importorskip("distributed")
     with pytest.raises(InvalidInput, match=r"scheduler: expected an address with a port from 1 to 65535"):
-        sweep(GRID, tmp_path / "out", backend="dask", scheduler=address, progress=False)
+        sweep(GRID, tmp_path / "out", executor="dask", scheduler=address, progress=False)
 
 
 def test_a_port_where_somebody_else_listens_is_refused(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(workers, "_ANSWERED_WITHIN", 0.2)
+    monkeypatch.setattr(runner, "_ANSWERED_WITHIN", 0.2)
     wanted = "expected the address of a running Dask scheduler"
     with socket.create_server(("127.0.0.1", 0)) as silent, pytest.raises(InvalidInput, match=wanted):
         sweep(
             GRID,
             tmp_path / "out",
-            backend="dask",
+            executor="dask",
             scheduler=f"tcp://127.0.0.1:{silent.getsockname()[1]}",
             progress=False,
         )
@@ -979,9 +980,9 @@ def test_missing_extras_are_named(tmp_path):
         "import pinograsp.sweep as s\n"
         "def tried(call):\n"
         "    try:\n        call()\n"
-        "    except s.workers.PinograspError as error:\n        print(type(error).__name__, error)\n"
+        "    except s.runner.PinograspError as error:\n        print(type(error).__name__, error)\n"
         "tried(lambda: s.sweep('sweep.yaml', 'out', jobs=1))\n"
-        "tried(lambda: s.sweep('sweep.yaml', 'out', backend='dask', scheduler='tcp://127.0.0.1:1'))\n"
+        "tried(lambda: s.sweep('sweep.yaml', 'out', executor='dask', scheduler='tcp://127.0.0.1:1'))\n"
         "tried(lambda: s.sweep({'case': 'paper', 'what': 'forces', 'set': {'impact_time': 0.9}, 'over': "
         "{'object.mass': [1]}}, 'b', jobs=1))\n"
     )
