@@ -32,7 +32,7 @@ from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
-from pinograsp.certification import Certificates, Certifier, trial_of
+from pinograsp.certification import Certificates, Certifier, make_trial
 from pinograsp.errors import PinograspError, Status
 from pinograsp.simulation.settings import Disturbance, Push
 
@@ -141,7 +141,7 @@ def trial(certificates: Certificates, rough: Certificates, i: int) -> dict:
     if source is rough and not rough.normal_forces[i].any():
         source = squeezing(certificates, i)
     try:
-        task = trial_of(source, i)
+        task = make_trial(source, i)
         verdict = pg.simulate(task, disturbance=disturbance).verdict
     except PinograspError as error:
         return row | {"near": near, "held": "", "agrees": "", "why": str(error)[:200]}

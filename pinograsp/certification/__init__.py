@@ -2,6 +2,6 @@
 
 from pinograsp.certification.certify import Certifier, certify
 from pinograsp.certification.record import Certificates, placement_hint
-from pinograsp.certification.trial import trial_of
+from pinograsp.certification.trial import make_trial
 
-__all__ = ["Certificates", "Certifier", "certify", "placement_hint", "trial_of"]
+__all__ = ["Certificates", "Certifier", "certify", "make_trial", "placement_hint"]

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp import defaults
-from pinograsp.certification.block import Asked, Block
 from pinograsp.certification.record import Certificates
-from pinograsp.checks import array_of, instance_of, placements_of
+from pinograsp.certification.setup import Options, prepare
+from pinograsp.certification.verdicts import certify_block
+from pinograsp.checks import array_of, placements_of
 from pinograsp.contacts.jaw_closing import close_jaws
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
@@ -37,20 +38,18 @@ class Certifier:
         drives: bool = True,
         threads: int | None = None,
     ):
-        instance_of("hand", hand, HandModel)
-        self._asked = Asked(
-            hand, body, conditions, tolerance, palm=palm, patches=patches, exact=exact, drives=drives, threads=threads
-        )
+        options = Options(tolerance=tolerance, palm=palm, patches=patches, exact=exact, drives=drives, threads=threads)
+        self._setup = prepare(hand, body, conditions, options)
 
     def __call__(self, postures: ArrayLike, roots: ArrayLike | None = None) -> Certificates:
         """The certificates of postures (N, n) with the hand's root at ``roots`` (N, 4, 4), or where the hand is."""
-        hand = self._asked.hand
+        hand = self._setup.hand
         q = array_of("postures", postures, (None, hand.n))
         if roots is None:
             placed: Array = np.tile(hand.pose, (len(q), 1, 1))
         else:
             placed = placements_of("roots", roots, len(q))
-        return self._certified(q, placed)
+        return self._certify(q, placed)
 
     def jaws(self, roots: ArrayLike) -> Certificates:
         """The certificates of jaws (a hand of one joint) that close with their root at ``roots`` (N, 4, 4).
@@ -59,13 +58,12 @@ class Certifier:
         """
         placed = array_of("roots", roots, (None, 4, 4))
         placed = placements_of("roots", placed, len(placed))
-        q, moved, _ = close_jaws(self._asked.scene, placed)
-        return self._certified(q, moved)
+        q, moved, _ = close_jaws(self._setup.scene, placed)
+        return self._certify(q, moved)
 
-    def _certified(self, q: Array, placed: Array) -> Certificates:
+    def _certify(self, q: Array, placed: Array) -> Certificates:
         blocks = [
-            Block(self._asked, q[i : i + BLOCK], placed[i : i + BLOCK]).certificates()
-            for i in range(0, max(len(q), 1), BLOCK)
+            certify_block(self._setup, q[i : i + BLOCK], placed[i : i + BLOCK]) for i in range(0, max(len(q), 1), BLOCK)
         ]
         return Certificates.joined(blocks)
 
@@ -91,7 +89,7 @@ def certify(
         body: the object, where it is.
         postures: of the joints (N, n) [rad or m], in the order of ``hand.joint_names``; coupled joints follow.
         conditions: friction, gravity, torque limits and the reserve. A grasp is held where one squeeze holds the weight
-            and all that the reserve adds, as :func:`~pinograsp.certification.elastic.offsets` tells.
+            and all that the reserve adds, as :func:`~pinograsp.certification.elastic.find_offsets` tells.
         roots: oMh, where the hand's root is in the world for each posture (N, 4, 4); None: where the hand is.
         tolerance: distance from the surface [m] up to which a link touches, outside or inside; deeper ones penetrate.
         palm: whether the palm's contact counts.

@@ -106,7 +106,7 @@ def _balancing(columns: Array, wrenches: Array) -> tuple[Array, Array]:
     return -(flat @ solved).reshape(n, k, d, -1), lost
 
 
-def springs(points: Array, rotations: Array, used: BoolArray, friction: Friction, wrenches: Array) -> Springs:
+def make_springs(points: Array, rotations: Array, used: BoolArray, friction: Friction, wrenches: Array) -> Springs:
     """The springs of contacts.
 
     Args:
@@ -132,7 +132,7 @@ def springs(points: Array, rotations: Array, used: BoolArray, friction: Friction
     return Springs(columns=forces * scale[:, None, None], wrenches=scaled, torsion=friction.torsion)
 
 
-def offsets(reacted: Reactions, friction: Friction, mu: float, local: Array | None = None) -> Array:
+def find_offsets(reacted: Reactions, friction: Friction, mu: float, local: Array | None = None) -> Array:
     """a (N, k) [N]: by how much F_n is to exceed what friction needs, so that all added wrenches are borne.
 
     With forces ``local`` (N, k, d) in contact axes: exactly, for tangential forces as theirs; without: for any.
@@ -154,7 +154,7 @@ def limits_of(friction: Friction, mu: float) -> Array:
     return limits
 
 
-def factors(local: Array, reacted: Reactions, used: BoolArray, friction: Friction, mu: float) -> Array:
+def find_multiples(local: Array, reacted: Reactions, used: BoolArray, friction: Friction, mu: float) -> Array:
     """Multiples s (N, m) of each wrench that forces bear before the first contact slips or opens.
 
     The least s > 0 that takes some contact to the edge of its friction limit: the roots of a square for balls, of a

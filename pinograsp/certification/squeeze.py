@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pinograsp.certification.elastic import Reactions, factors, offsets, springs
+from pinograsp.certification.elastic import Reactions, find_multiples, find_offsets, make_springs
 from pinograsp.contacts import Friction
 from pinograsp.errors import Status
 from pinograsp.forces import ForceBatch, Reserve, solve_batch
@@ -97,7 +97,7 @@ class Holding:
         return replace(self, friction=reserve.kept_friction(self.friction))
 
 
-def squeezed(
+def squeeze(
     grips: Grips,
     holding: Holding,
     reserve: Reserve,
@@ -114,23 +114,23 @@ def squeezed(
     floor = np.full(grips.used.shape, reserve.least_force(holding.size))
     if grips.least is not None:
         floor = np.maximum(floor, grips.least)
-    contacts = springs(grips.points, grips.rotations, grips.used, kept.friction, wrenches)
+    contacts = make_springs(grips.points, grips.rotations, grips.used, kept.friction, wrenches)
     whole = contacts.reactions()
     contacts, reacted = contacts.times(shares), whole.times(shares)
-    first = _above(grips, kept, offsets(reacted, kept.friction, kept.mu), floor, threads)
+    first = _above(grips, kept, find_offsets(reacted, kept.friction, kept.mu), floor, threads)
     status = np.where(reacted.borne.all(axis=1), first.status, Status.INFEASIBLE)
     best = Forces(status=status, local=first.local, residual=first.residual)
     spread = contacts.spread(reacted, best.local[..., -1])
     rows = np.flatnonzero(best.found)
     if len(rows):
         own, some = grips.of(rows), spread.of(rows)
-        needed = offsets(some, kept.friction, kept.mu, best.local[rows])
+        needed = find_offsets(some, kept.friction, kept.mu, best.local[rows])
         _take(best, _above(own, kept, needed, floor[rows], threads), rows, some, own.used, kept)
     local = best.local * best.found[:, None, None]
     return Forces(status=best.status, local=local, residual=best.residual), (whole, spread)
 
 
-def as_much_as_can_be(grips: Grips, holding: Holding, reserve: Reserve, wrenches: Array, threads: int | None) -> Forces:
+def squeeze_partly(grips: Grips, holding: Holding, reserve: Reserve, wrenches: Array, threads: int | None) -> Forces:
     """Forces that bear the largest share below 1 of the wrenches that halving finds; none where not any."""
     count = len(grips.points)
     low, high = np.zeros(count), np.ones(count)
@@ -141,7 +141,7 @@ def as_much_as_can_be(grips: Grips, holding: Holding, reserve: Reserve, wrenches
     )
     for _ in range(_SHARE_HALVINGS):
         middle = (low + high) / 2
-        tried, _ = squeezed(grips, holding, reserve, wrenches, threads, middle)
+        tried, _ = squeeze(grips, holding, reserve, wrenches, threads, middle)
         found = tried.found
         best.status[found], best.local[found] = tried.status[found], tried.local[found]
         best.residual[found] = tried.residual[found]
@@ -149,7 +149,7 @@ def as_much_as_can_be(grips: Grips, holding: Holding, reserve: Reserve, wrenches
     return best
 
 
-def pressing(grips: Grips, holding: Holding, normal: Array, threads: int | None) -> Forces:
+def press(grips: Grips, holding: Holding, normal: Array, threads: int | None) -> Forces:
     """Forces under the weight with these F_n (N, k) [N]."""
     loads = np.broadcast_to(holding.weight, (len(grips.points), 6))
     return _solved(grips, holding, loads, normal, normal, threads)
@@ -163,7 +163,7 @@ def _take(best: Forces, better: Forces, rows: IntArray, reacted: Reactions, used
         if not len(left):
             return
         mixed = share * better.local[left] + (1.0 - share) * best.local[rows[left]]
-        borne = factors(mixed, reacted.of(left), used[left], holding.friction, holding.mu) >= 1.0 - _ROUNDING
+        borne = find_multiples(mixed, reacted.of(left), used[left], holding.friction, holding.mu) >= 1.0 - _ROUNDING
         good = borne.all(axis=1)
         best.local[rows[left[good]]] = mixed[good]
         best.residual[rows[left[good]]] = np.maximum(best.residual[rows[left[good]]], better.residual[left[good]])
@@ -183,24 +183,24 @@ def _above(grips: Grips, holding: Holding, above: Array, floor: Array, threads: 
     return Forces(status=found.status, local=local, residual=found.residual)
 
 
-def held(grips: Grips, holding: Holding, threads: int | None, mu: Array | None = None) -> Forces:
+def hold_weight(grips: Grips, holding: Holding, threads: int | None, mu: Array | None = None) -> Forces:
     """Forces that hold the weight, as the friction allows; ``mu`` (N,): instead of the one of all."""
     loads = np.broadcast_to(holding.weight, (len(grips.points), 6))
     high = np.full(grips.points.shape[:2], min(holding.cap, _UNCAPPED * holding.size))
     return _solved(grips, holding, loads, np.zeros_like(high), high, threads, mu)
 
 
-def least_mu(grips: Grips, holding: Holding, threads: int | None) -> Array:
+def find_least_mu(grips: Grips, holding: Holding, threads: int | None) -> Array:
     """The least friction coefficient (N,) with which some forces hold the weight, from above to a hundredth.
 
     Infinity where 2 is not enough. More friction never hurts, so that halving the range finds it.
     """
     most = replace(holding, mu=MOST_MU, cap=np.inf)
-    low, high = np.zeros(len(grips.points)), np.where(held(grips, most, threads).found, MOST_MU, np.inf)
+    low, high = np.zeros(len(grips.points)), np.where(hold_weight(grips, most, threads).found, MOST_MU, np.inf)
     asked = np.flatnonzero(np.isfinite(high))
     for _ in range(_HALVINGS if len(asked) else 0):
         middle = (low[asked] + high[asked]) / 2
-        holds = held(grips.of(asked), most, threads, middle).found
+        holds = hold_weight(grips.of(asked), most, threads, middle).found
         high[asked], low[asked] = np.where(holds, middle, high[asked]), np.where(holds, low[asked], middle)
     return high
 

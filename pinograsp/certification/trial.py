@@ -21,7 +21,7 @@ _LEVER = 0.03  # [m] that a joint moves a contact for a turn of 1 rad
 _SAMPLES, _IMPACT, _FINAL = 101, 0.8, 1.0  # of the commands [s]
 
 
-def trial_of(certificates: Certificates, i: int) -> Task:
+def make_trial(certificates: Certificates, i: int) -> Task:
     """Grasp i for :func:`~pinograsp.simulation.simulate`: its own posture, forces and torques.
 
     The hand closes from 5 mm off the object to where the links of its contacts are as deep as the contact law asks for

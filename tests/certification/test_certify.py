@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import pinograsp as pg
-from pinograsp.certification import Certificates, Certifier, certify, trial_of
+from pinograsp.certification import Certificates, Certifier, certify, make_trial
 from pinograsp.contacts import close_hand, contacts_of
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.errors import InvalidInput, NoGrasp, Status
@@ -297,7 +297,7 @@ def test_a_grasp_without_contacts_has_no_problem_and_no_trial(allegro):
     with pytest.raises(InvalidInput, match="fewer than two links touch"):
         found.problem(0)
     with pytest.raises(InvalidInput, match="expected one with forces"):
-        trial_of(found, 0)
+        make_trial(found, 0)
 
 
 @pytest.mark.slow
@@ -308,7 +308,7 @@ def test_what_is_certified_holds_in_simulation_and_falls_with_less_friction_than
     held = np.flatnonzero(found.held)
     assert len(held) >= 3
     shaken = Disturbance(shake=[1.8, 1.4, 1.9], shake_frequency=2.0)
-    assert sum(pg.simulate(trial_of(found, i), disturbance=shaken).verdict.held for i in held) >= len(held) - 1
+    assert sum(pg.simulate(make_trial(found, i), disturbance=shaken).verdict.held for i in held) >= len(held) - 1
     i = int(held[0])
     slippery = Disturbance(mu=0.7 * found.least_mu[i])
-    assert not pg.simulate(trial_of(found, i), disturbance=slippery).verdict.held
+    assert not pg.simulate(make_trial(found, i), disturbance=slippery).verdict.held

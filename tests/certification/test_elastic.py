@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from random_grasps import contact_set_of
 
-from pinograsp.certification.elastic import factors, offsets, springs
-from pinograsp.certification.squeeze import MOST_MU, Grips, Holding, held, least_mu, squeezed
+from pinograsp.certification.elastic import find_multiples, find_offsets, make_springs
+from pinograsp.certification.squeeze import MOST_MU, Grips, Holding, find_least_mu, hold_weight, squeeze
 from pinograsp.contacts import Friction
 from pinograsp.forces import ForceProblem, Reserve
 from pinograsp.forces.margins import disturbance_margin
@@ -47,7 +47,7 @@ def wrench_of(grips, local, i):
 def test_springs_balance_what_is_added_and_press_as_the_packages_own(friction):
     rng = np.random.default_rng(1)
     grips, wrenches = around_a_ball(rng, 6, 5), rng.normal(size=(7, 6)) * [1, 1, 1, 0.03, 0.03, 0.03]
-    reacted = springs(grips.points, grips.rotations, grips.used, friction, wrenches).reactions()
+    reacted = make_springs(grips.points, grips.rotations, grips.used, friction, wrenches).reactions()
     assert reacted.borne.all()
     change = np.concatenate([reacted.tangential, reacted.normal[:, :, None]], axis=2)
     for i in range(6):
@@ -67,7 +67,7 @@ def test_wrenches_that_contacts_cannot_balance_are_told():
     frames = np.array([[tangent_frame(normal) for normal in normals[0]]])
     wrenches = np.array([[0, 0, 1.0, 0, 0, 0], [0, 0, 0, 0.1, 0, 0]])
     plain, soft = (
-        springs(-RADIUS * normals, frames, np.ones((1, 2), bool), friction, wrenches).reactions()
+        make_springs(-RADIUS * normals, frames, np.ones((1, 2), bool), friction, wrenches).reactions()
         for friction in MODELS[:2]
     )
     assert plain.borne.tolist() == [[True, False]] and soft.borne.tolist() == [[True, True]]
@@ -80,10 +80,10 @@ def test_a_squeeze_bears_every_load_it_is_for(friction):
     grips = around_a_ball(rng, 24, 5)
     wrenches = reserve.load_set(BALL).loads - WEIGHT
     holding = Holding(friction=friction, mu=MU, weight=WEIGHT, cap=np.inf)
-    found, ways = squeezed(grips, holding, reserve, wrenches, 1)
+    found, ways = squeeze(grips, holding, reserve, wrenches, 1)
     assert found.found.sum() >= 12
     kept = holding.kept_back(reserve).friction
-    both = np.maximum(*(factors(found.local, way, grips.used, kept, MU) for way in ways))
+    both = np.maximum(*(find_multiples(found.local, way, grips.used, kept, MU) for way in ways))
     assert both[found.found].min() > 1 - 1e-6
     for i in np.flatnonzero(found.found)[:8]:
         own, local = grips.counts[i], found.local[i]
@@ -111,12 +111,12 @@ def test_a_squeeze_bears_every_load_it_is_for(friction):
 def test_multiples_that_are_borne_are_where_a_contact_leaves_its_cone(friction):
     rng = np.random.default_rng(4)
     grips, wrenches = around_a_ball(rng, 8, 4), rng.normal(size=(5, 6)) * [1, 1, 1, 0.03, 0.03, 0.03]
-    reacted = springs(grips.points, grips.rotations, grips.used, friction, wrenches).reactions()
+    reacted = make_springs(grips.points, grips.rotations, grips.used, friction, wrenches).reactions()
     local = rng.normal(size=(8, 4, friction.d))
     local[..., -1] = rng.uniform(2.0, 5.0, size=(8, 4))
     limits = friction.scale(np.array([MU]))[0]
     local[..., :-1] *= 0.4 * limits * local[..., -1:]
-    found = factors(local, reacted, grips.used, friction, MU)
+    found = find_multiples(local, reacted, grips.used, friction, MU)
     change = np.concatenate([reacted.tangential, reacted.normal[:, :, None]], axis=2)
 
     def room(i, m, s):
@@ -138,15 +138,15 @@ def test_multiples_that_are_borne_are_where_a_contact_leaves_its_cone(friction):
 def test_offsets_are_enough_for_any_tangential_force_and_exact_for_one():
     rng, friction = np.random.default_rng(5), MODELS[0]
     grips, wrenches = around_a_ball(rng, 4, 4), rng.normal(size=(6, 6)) * [1, 1, 1, 0.03, 0.03, 0.03]
-    reacted = springs(grips.points, grips.rotations, grips.used, friction, wrenches).reactions()
-    above = offsets(reacted, friction, MU)
+    reacted = make_springs(grips.points, grips.rotations, grips.used, friction, wrenches).reactions()
+    above = find_offsets(reacted, friction, MU)
     for _ in range(20):
         t = rng.normal(size=(4, 4, 2))
         F = above + np.linalg.norm(t, axis=2) / MU
         local = np.concatenate([t, F[..., None]], axis=2)
         ahead = t[..., None] + reacted.tangential
         assert (np.linalg.norm(ahead, axis=2) <= MU * (F[..., None] + reacted.normal) + 1e-12)[grips.used].all()
-        exact = offsets(reacted, friction, MU, local)
+        exact = find_offsets(reacted, friction, MU, local)
         assert (exact <= above + 1e-12).all()
         F = exact + np.linalg.norm(t, axis=2) / MU
         slack = (MU * (F[..., None] + reacted.normal) - np.linalg.norm(ahead, axis=2)).min(axis=2)
@@ -160,7 +160,7 @@ def test_two_soft_fingers_need_the_friction_of_their_line(angle):
     frames = np.array([[tangent_frame(normal) for normal in normals[0]]])
     grips = Grips(points=np.array([[[-RADIUS, 0, 0], [RADIUS, 0, 0]]]), rotations=frames, counts=np.array([2]))
     holding = Holding(friction=MODELS[1], mu=MU, weight=1e-3 * WEIGHT, cap=np.inf)
-    found = least_mu(grips, holding, 1)[0]
+    found = find_least_mu(grips, holding, 1)[0]
     # The weight, a thousandth, takes a little more; halving the range ends at a hundredth above.
     assert np.tan(angle) - 1e-3 <= found <= np.tan(angle) + 0.03
 
@@ -171,4 +171,4 @@ def test_no_friction_helps_contacts_on_one_side():
     frames = np.array([[tangent_frame(normal) for normal in normals[0]]])
     grips = Grips(points=-RADIUS * normals, rotations=frames, counts=np.array([2]))
     holding = Holding(friction=MODELS[1], mu=MOST_MU, weight=WEIGHT, cap=np.inf)
-    assert np.isinf(least_mu(grips, holding, 1)).all() and not held(grips, holding, 1).found.any()
+    assert np.isinf(find_least_mu(grips, holding, 1)).all() and not hold_weight(grips, holding, 1).found.any()

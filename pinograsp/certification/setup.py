@@ -1,0 +1,101 @@
+"""What all postures of a certification have in common: the hand, the object, and what is asked of a grasp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinograsp.certification.squeeze import Holding
+from pinograsp.checks import flag, instance_of, integer, number, read_only
+from pinograsp.contacts.bulk import BulkScene
+from pinograsp.contacts.friction import CONE
+from pinograsp.errors import InvalidInput
+from pinograsp.forces import GraspConditions, Reserve
+from pinograsp.hands import HandModel
+from pinograsp.hands.drives import ratios_of
+from pinograsp.motion import effort_of
+from pinograsp.objects.body import Body
+from pinograsp.spatial import Array, IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What counts as a contact and as held; fields as the arguments of :func:`~pinograsp.certification.certify`."""
+
+    tolerance: float
+    palm: bool
+    patches: bool
+    exact: bool
+    drives: bool
+    threads: int | None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tolerance", number("tolerance", self.tolerance, at_least=1e-7, unit="m"))
+        for name in ("palm", "patches", "exact", "drives"):
+            flag(name, getattr(self, name))
+        if self.threads is not None:
+            object.__setattr__(self, "threads", integer("threads", self.threads, at_least=1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Setup:
+    """Prepared once for any number of postures (n joints).
+
+    Attributes:
+        hand, body, conditions, options: as given.
+        scene: finds contacts.
+        idle: joints that move no finger.
+        limit: torque limits (n,) [N m or N].
+        reserve: what grasps must bear; none where the conditions have none.
+        wrenches: that are added to the weight (m, 6) [N, N m].
+        holding: the weight, and with what friction it is held.
+        ratios: what drives of several joints leave out of their torques (p, n).
+    """
+
+    hand: HandModel
+    body: Body
+    conditions: GraspConditions
+    options: Options
+    scene: BulkScene
+    idle: IntArray
+    limit: Array
+    reserve: Reserve
+    wrenches: Array
+    holding: Holding
+    ratios: Array
+
+
+def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: Options) -> Setup:
+    """The set-up of a hand and an object.
+
+    Raises:
+        InvalidInput: a hand without geometry, or conditions that cannot be used.
+    """
+    instance_of("hand", hand, HandModel)
+    instance_of("body", body, Body)
+    instance_of("conditions", conditions, GraspConditions)
+    if conditions.balance != "wrench":
+        raise InvalidInput("conditions: expected balance='wrench': a free object turns where moments are not balanced")
+    if conditions.reserve is not None and conditions.reserve.stiffness_factors:
+        raise InvalidInput("conditions: expected a reserve with softer=1 and stiffer=1: servos are not looked at here")
+    reserve = Reserve.none() if conditions.reserve is None else conditions.reserve
+    weight = np.concatenate([body.mass * conditions.gravity_o, np.zeros(3)])
+    wrenches = reserve.load_set(body, conditions.gravity_o).loads - weight
+    law = conditions.compliance
+    cap = np.inf if conditions.max_normal_force is None else conditions.max_normal_force
+    deepest = float(law.force(conditions.max_depth))
+    ratios = () if hand.direct_drive else ratios_of(hand.joint_names, hand.drives)
+    return Setup(
+        hand=hand,
+        body=body,
+        conditions=conditions,
+        options=options,
+        scene=BulkScene(hand, body),
+        idle=np.setdiff1d(np.arange(hand.n), np.concatenate([finger.dofs for finger in hand.fingers])),
+        limit=read_only(effort_of(hand, conditions.torque_limit)),
+        reserve=reserve,
+        wrenches=read_only(wrenches[np.abs(wrenches).max(axis=1) > 0]),
+        holding=Holding(friction=CONE, mu=conditions.mu, weight=weight, cap=min(cap, deepest)),
+        ratios=read_only(np.array([ratio.row for ratio in ratios]).reshape(-1, hand.n)),
+    )
