@@ -173,7 +173,8 @@ class WorkerOptions:
         from pinograsp.checks import one_of
         from pinograsp.sweep.runner import EXECUTORS
 
-        return {"jobs": self.jobs, "executor": one_of("executor", self.executor, EXECUTORS), "scheduler": self.scheduler}
+        executor = one_of("executor", self.executor, EXECUTORS)
+        return {"jobs": self.jobs, "executor": executor, "scheduler": self.scheduler}
 
 
 RunFolder = Annotated[
