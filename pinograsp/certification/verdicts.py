@@ -101,7 +101,7 @@ def _unproducible(setup: Setup, touches: Touches, squeezes: Squeezes) -> Array:
 def _beyond_drives(setup: Setup, touches: Touches, squeezes: Squeezes) -> BoolArray:
     """Which grasps (N,) need torques that drives of several joints or of one direction, or springs, do not make."""
     hand, q = setup.hand, touches.q
-    wrong_way: BoolArray = exceed_ways(hand, q, squeezes.torques).any(axis=1)
+    wrong_way = np.asarray(exceed_ways(hand, q, squeezes.torques).any(axis=1), dtype=bool)
     if not len(setup.ratios):
         return wrong_way
     made = np.zeros_like(q)
@@ -111,4 +111,4 @@ def _beyond_drives(setup: Setup, touches: Touches, squeezes: Squeezes) -> BoolAr
     off = np.abs((squeezes.torques - made) @ setup.ratios.T)
     arms = np.linalg.norm(np.einsum("pj,nkxj->npkx", setup.ratios, touches.jacobians[:, :, :3]), axis=3)
     borne = DRY_FRICTION * np.einsum("npk,nk->np", arms, squeezes.local[..., 3])
-    return wrong_way | (off > borne + 1e-9).any(axis=1)
+    return np.asarray(wrong_way | (off > borne + 1e-9).any(axis=1), dtype=bool)

@@ -78,7 +78,7 @@ def test_choices_are_those_that_the_package_takes():
     from pinograsp.hands.load import Masses
     from pinograsp.planner import Search
     from pinograsp.simulation.settings import CONTROLS, SUPPORTS
-    from pinograsp.sweep.workers import BACKENDS as SWEEPING
+    from pinograsp.sweep.runner import EXECUTORS
 
     for ours, theirs in (
         (completion.SEARCHES, get_args(Search)),
@@ -88,7 +88,7 @@ def test_choices_are_those_that_the_package_takes():
         (completion.MASSES, get_args(Masses)),
         (completion.CONTROLS, CONTROLS),
         (completion.SUPPORTS, SUPPORTS),
-        (completion.BACKENDS, SWEEPING),
+        (completion.EXECUTORS, EXECUTORS),
         (completion.COMMANDS, COMMANDS),
         (completion.TIMINGS, get_args(TimingName)),
     ):
