@@ -11,14 +11,7 @@ import typer
 from typer.core import TyperCommand
 
 from pinograsp.cli import completion
-from pinograsp.cli.options import (
-    ArmOptions,
-    FrictionOptions,
-    GraspOptions,
-    force_option,
-    new_folder,
-    out_option,
-)
+from pinograsp.cli.options import ArmOptions, FrictionOptions, GraspOptions, force_option, new_folder, out_option
 from pinograsp.cli.screen import command, console, needs, show
 from pinograsp.cli.session import Session
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
@@ -382,7 +375,7 @@ def print_plan(plan: GraspPlan, folder: Path, session: Session) -> None:
         ("Results", f"{folder / 'report.html'}, beside it report.md, plan.json, plan.npz, figures"),
     ]
     then = [
-        (command("check", folder), f"try it in simulation{needs('sim', 'mujoco')}"),
+        (command("check", folder), "try it in simulation"),
         (command("view", folder), f"look at it in a browser{needs('viz', 'viser')}"),
     ]
     show(facts, answers, then, title=f"Grasp plan '{plan.name}'", level=answer.level, more=session.more)
