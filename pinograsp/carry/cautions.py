@@ -9,6 +9,7 @@ from pinograsp.contacts.quality import past_edges
 from pinograsp.errors import Status
 from pinograsp.forces import ConvexSolution
 from pinograsp.hands import HandModel, servo_gains
+from pinograsp.hands.efforts import exceed_ways
 from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
 from pinograsp.planner.assemble import pressing_too
@@ -47,6 +48,17 @@ def doubt_path(robot: HandModel, path: ArmPath) -> list[str]:
                 "waypoint between says so"
             )
     return doubts
+
+
+def doubt_drives(robot: HandModel, q: Array, torques: Array) -> list[str]:
+    """Drives that would have to act the other way than they can, somewhere on the way (N, n)."""
+    beyond = exceed_ways(robot, q, torques)
+    return [
+        f"drive {drive.name} makes {drive.efforts[0]:g} to {drive.efforts[1]:g}, and would have to act the other way "
+        f"in {100 * share:.2g} % of the intervals"
+        for drive, share in zip(robot.drives, beyond.mean(axis=0))
+        if share and drive.efforts is not None
+    ]
 
 
 def doubt_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, most: Array, loads: Array) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pinograsp.carry.binding import name_binding
-from pinograsp.carry.cautions import doubt_grasp, doubt_path, doubt_squeeze
+from pinograsp.carry.cautions import doubt_drives, doubt_grasp, doubt_path, doubt_squeeze
 from pinograsp.carry.commands import Commands
 from pinograsp.carry.passage import Passage
 from pinograsp.carry.passing import find_fastest_anywhere
@@ -68,6 +68,7 @@ def _find_cautions(task: CarryTask, commands: Commands, loads: Array) -> tuple[s
     loaded, (closing, first) = task.loaded[0], commands.closing
     own = doubt_grasp(task.grasp, arm_in_hand=bool(np.isin(loaded.arm, loaded.of_hand).any()))
     own += doubt_path(task.robot, task.path)
+    own += doubt_drives(task.robot, commands.squeeze.passage.constraints.middle.q, commands.torques)
     if first is not None:
         own += doubt_squeeze(task.grasp, first, closing, commands.squeeze.x[..., -1].max(axis=0), loads)
     elif len(task.grasp.hand.drives) > 1:  # jaws press along their one way

@@ -8,7 +8,7 @@ from typing import TypedDict
 from numpy.typing import ArrayLike
 
 from pinograsp import defaults
-from pinograsp.checks import array_of, instance_of, one_of
+from pinograsp.checks import array_of, brief, instance_of, one_of
 from pinograsp.contacts import Compliance, DecelerationShape, Friction, MarhefkaOrin
 from pinograsp.contacts.compliance import MEASURES, Measure, checked_law
 from pinograsp.contacts.deceleration import bounds_of
@@ -50,6 +50,8 @@ class ForceSettings:
     max_depth: float = defaults.MAX_DEPTH
     moment_length: float | None = None
     shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
+
+    __repr__ = brief("balance", "measure", "friction", "compliance")
 
     def __post_init__(self) -> None:
         instance_of("friction", self.friction, Friction, type(None))

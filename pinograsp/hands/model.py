@@ -96,7 +96,7 @@ class HandModel:
         notes: what the caller should know (widened limits, coupled joints, missing meshes...).
         description: the URDF text that the model was built from.
         own_shapes: the links' shapes as in the file, in the order of ``geometry``, where that has their convex hulls.
-        drives: the motors (m), and the joints that each of them moves; a record that plans do not use yet.
+        drives: the motors (m), and the joints that each of them moves.
         springs: at joints; torques are without them.
         disabled_collisions: pairs of links that are not looked at for collisions with each other.
         visuals: what is seen of the links, where the description tells it; pictures read its meshes.

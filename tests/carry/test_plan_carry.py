@@ -226,3 +226,20 @@ def test_a_grasp_of_the_hand_alone(tmp_path):
 def test_a_robot_without_the_hand(grasp):
     with pytest.raises(InvalidInput, match="expected the grasp's hand in it"):
         plan_carry(pg.load_hand("allegro_right"), grasp, WAYPOINTS)
+
+
+def test_motors_of_the_arm_that_act_one_way_are_told(arm, grasp, carried):
+    """A motor that can only act against the torques of the path is a caution, one that acts with them is none."""
+    i = arm.joint_names.index("panda_joint2")
+    ways = np.sign(carried.torques[:, i])
+    for sign in (1.0, -1.0):
+        drives = [
+            replace(one, efforts=(0.0, one.limit) if sign > 0 else (-one.limit, 0.0))
+            if "panda_joint2" in one.joints
+            else one
+            for one in arm.drives
+        ]
+        plan = plan_carry(replace(arm, drives=tuple(drives)), grasp, WAYPOINTS, intervals=INTERVALS, ramp=0)
+        told = [one for one in plan.cautions if "other way" in one]
+        assert bool(told) == bool((ways == -sign).any())
+    assert set(ways) == {-1.0} or set(ways) == {1.0}
