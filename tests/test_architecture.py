@@ -62,6 +62,7 @@ OWNERS = {
     "h5py": {"data"},
     "yourdfpy": {"hands"},
     "xacro": {"hands"},
+    "simpleeval": {"hands"},
     "qpsolvers": {"forces"},
     "daqp": {"forces"},
     "clarabel": {"forces", "carry"},
@@ -299,8 +300,7 @@ REPLACED = {
     "grid_module._first_hits",  # Ctrl-C in the middle of a block
     "module._global_symbols",  # what a stranger's expression would find, if the guard had a gap
     "xacro_guard._Files",  # a file that changes between look and use
-    "xacro_guard._REPLACED",  # another version of xacro
-    "xacro_guard._harmless_xacro",  # the same, and the guard's gaps
+    "xacro_guard._harmless_xacro",  # the guard's gaps
 }
 
 

@@ -199,4 +199,4 @@ def _beyond_arithmetic() -> frozenset[str]:
     """Xacro's own names that are not arithmetic."""
     import xacro
 
-    return frozenset(xacro._global_symbols) - set(arithmetic.FUNCTIONS) - {"math"}
+    return frozenset(xacro._global_symbols) - {*arithmetic.FUNCTIONS, *arithmetic.CONSTANTS, "math"}

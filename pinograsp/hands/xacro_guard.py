@@ -11,7 +11,6 @@ files, as plain data.
 from __future__ import annotations
 
 import contextlib
-import functools
 import importlib.util
 import io
 import os
@@ -35,6 +34,7 @@ _PARAMETER = re.compile(
     r"""\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?(\$\{[^}]*\}|\$\([^)]*\)|(?:'[^']*'|"[^"]*"|[^\s'"])+|)(?:\s+|$)(.*)""",
     re.DOTALL,
 )
+_ONE_AT_A_TIME = threading.Lock()  # for the error stream is everybody's
 _TRUST = "pass trusted=True if you trust this file"
 _MOST_WORK, _MOST_TIME = 100_000, 10.0  # elements and expressions together, and [s]
 
@@ -57,9 +57,8 @@ def expand_xacro(
     """
     path = Path(path)
     texts = {name: str(value) for name, value in (mappings or {}).items()}
-    complaints = io.StringIO()
     try:
-        with contextlib.redirect_stderr(complaints):  # xacro prints its warnings; they belong in the error, if any
+        with _ONE_AT_A_TIME, contextlib.redirect_stderr(io.StringIO()):  # xacro prints what its errors say as well
             document = _trusted(path, texts, packages) if trusted else _guarded(path, texts, packages)
         for node in list(document.childNodes):  # xacro's banner carries the path it was given: not reproducible
             if node.nodeType == node.COMMENT_NODE:
@@ -74,86 +73,71 @@ def expand_xacro(
 
 
 def _trusted(path: Path, mappings: dict[str, str], packages: Packages) -> minidom.Document:
-    with _ONE_AT_A_TIME:  # xacro keeps its state in its module
-        module = _copy_of_xacro()
-        extended = module.eval_extension
+    module = _copy_of_xacro()
+    extended = module.eval_extension
 
-        def with_packages(text: str) -> Any:  # what xacro makes of it
-            found = PACKAGE.fullmatch(text[2:-1])
-            folder = find_package(found[1], path.resolve().parent, packages) if found else None
-            return extended(text) if folder is None else str(folder)
+    def with_packages(text: str) -> Any:  # what xacro makes of it
+        found = PACKAGE.fullmatch(text[2:-1])
+        folder = find_package(found[1], path.resolve().parent, packages) if found else None
+        return extended(text) if folder is None else str(folder)
 
-        module.eval_extension = with_packages
-        document: minidom.Document = module.process_file(str(path), mappings=mappings)
-        for name in (str(path), *module.all_includes):
-            with contextlib.suppress(OSError):
-                digest_of(name)
-        return document
+    module.eval_extension = with_packages
+    document: minidom.Document = module.process_file(str(path), mappings=mappings)
+    for name in (str(path), *module.all_includes):
+        with contextlib.suppress(OSError):
+            digest_of(name)
+    return document
 
 
 def _guarded(path: Path, mappings: dict[str, str], packages: Packages) -> minidom.Document:
     files = Files(path, packages)
     if files.problems:
         raise HandNotLoaded(path, [*files.problems, _TRUST])
-    with _ONE_AT_A_TIME:  # xacro keeps its state in its module
-        module = _harmless_xacro()
-        module.guard.begin(files)
-        try:
-            document: minidom.Document = module.process_file(str(path), mappings=mappings)
-            return document
-        except RecursionError:
+    try:
+        document: minidom.Document = _harmless_xacro(files).process_file(str(path), mappings=mappings)
+        return document
+    except RecursionError:
+        raise
+    except Exception as error:
+        refused: BaseException | None = error
+        while refused is not None and not isinstance(refused, Refused | arithmetic.NotArithmetic):
+            refused = getattr(refused, "exc", None)
+        if refused is None:
             raise
-        except Exception as error:
-            refused: BaseException | None = error
-            while refused is not None and not isinstance(refused, Refused | arithmetic.NotArithmetic):
-                refused = getattr(refused, "exc", None)
-            if refused is None:
-                raise
-            raise HandNotLoaded(path, [str(error), _TRUST]) from error
-        finally:
-            module.guard.end()
+        raise HandNotLoaded(path, [str(error), _TRUST]) from error
 
 
 # -- a copy of xacro that calls this module ----------------------------------------------------------------------------
 
-_ONE_AT_A_TIME = threading.Lock()
-# What the copy must have for the guard to replace it: other versions might evaluate or open elsewhere.
-_REPLACED = (
-    "safe_eval",
-    "eval_extension",
-    "parse",
-    "get_include_files",
-    "parse_macro_arg",
-    "replace_node",
-    "load_yaml",
-    "_global_symbols",
-)
-_DISABLED = ("eval", "exec", "compile", "open", "glob")
+_DISABLED = ("load_yaml", "eval", "exec", "compile", "open", "glob")
 
 
 def _copy_of_xacro() -> Any:  # xacro has no types
-    """A second copy of the module xacro."""
+    """A copy of the module xacro of its own: xacro keeps its state in its module, and nobody else's is to change."""
     spec: Any = importlib.util.find_spec("xacro")  # never None: the package depends on it
     module: Any = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-@functools.cache
-def _harmless_xacro() -> Any:  # xacro has no types
-    """A copy of the module xacro, which asks its ``guard`` instead of evaluating, opening or including."""
+def _harmless_xacro(files: Files) -> Any:  # xacro has no types
+    """A copy of the module xacro, which asks a guard instead of evaluating, opening or including."""
     module = _copy_of_xacro()
-    if lacking := [name for name in _REPLACED if name not in vars(module)]:
-        raise RuntimeError(
-            f"this version of xacro cannot be guarded (it has no {', '.join(lacking)}): pass trusted=True, or use 2.x"
-        )
-    guard = module.guard = _Guard(module)
-    module.safe_eval, module.eval_extension, module.parse = guard.evaluate, guard.argument, guard.parse
-    module.get_include_files, module.parse_macro_arg = guard.included, _parameter
-    module.replace_node = guard.replaced(module.replace_node)
-    module._global_symbols = {}
-    for name in ("load_yaml", *_DISABLED):  # not needed: a call of one of them is a gap in the guard
-        setattr(module, name, _disabled)
+    guard = _Guard(module, files)
+    replaced = {
+        "safe_eval": guard.evaluate,
+        "eval_extension": guard.argument,
+        "parse": guard.parse,
+        "get_include_files": guard.included,
+        "parse_macro_arg": _parameter,
+        "replace_node": guard.replaced(getattr(module, "replace_node", None)),
+        "_global_symbols": {},
+    }
+    if lacking := replaced.keys() - vars(module).keys():  # other versions might evaluate or open elsewhere
+        without = ", ".join(sorted(lacking))
+        raise RuntimeError(f"this xacro cannot be guarded (it has no {without}): pass trusted=True, or use 2.x")
+    # What is disabled is not needed: a call of it is a gap in the guard.
+    vars(module).update(replaced, **dict.fromkeys(_DISABLED, _disabled))
     return module
 
 
@@ -168,20 +152,13 @@ _Nodes: TypeAlias = minidom.Node | list[minidom.Node] | None
 class _Guard:
     """What the copy of xacro calls instead, and its limits for one file."""
 
-    def __init__(self, module: Any):  # the copy of xacro, which has no types
-        self.module = module
+    def __init__(self, module: Any, files: Files):  # the copy of xacro has no types
+        self.module, self.files = module, files
+        self.work, self.until = 0, time.monotonic() + _MOST_TIME
         self.functions: dict[str, Callable[..., arithmetic.Value]] = {
             **dict.fromkeys(LOADERS, self.loaded),
             **dict.fromkeys(MESSAGES, lambda *_: ""),
         }
-
-    def begin(self, files: Files) -> None:
-        self.files = files
-        self.work, self.until = 0, time.monotonic() + _MOST_TIME
-
-    def end(self) -> None:
-        del self.files
-        self.module.substitution_args_context.clear()
 
     def charge(self, work: int) -> None:
         self.work += work
@@ -223,7 +200,7 @@ class _Guard:
     def included(self, name: str, symbols: Mapping[str, arithmetic.Value]) -> Iterator[str]:
         yield self.module.abs_filename_spec(str(self.module.eval_text(name, symbols)))
 
-    def replaced(self, replace: Callable[..., None]) -> Callable[..., None]:
+    def replaced(self, replace: Any) -> Callable[..., None]:
         def counted(element: minidom.Node, by: _Nodes, content_only: bool = False) -> None:
             for one in by if isinstance(by, list) else [by]:
                 self.charge(1 if one is None else _weight(one))

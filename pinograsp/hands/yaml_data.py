@@ -55,21 +55,14 @@ def read_yaml(path: Path) -> Any:
         raise ValueError(f"expected at most {_DEEPEST} nested lists and mappings") from None
     except Exception as error:  # numbers, dates, keys and tags that cannot be built raise errors of many kinds
         raise ValueError(f"not valid YAML: {' '.join(str(error).split())}") from error
-    _check(value)
+    if arithmetic.size_of(value) > arithmetic.MOST_DATA:
+        raise ValueError(f"expected at most {arithmetic.MOST_DATA} values and characters, aliases expanded")
+    if _depth(value) > _DEEPEST:
+        raise ValueError(f"expected at most {_DEEPEST} nested lists and mappings")
     return value
 
 
-def _check(value: Any) -> None:
-    """Refuse too many values, aliases expanded, and what goes too deep."""
-    waiting, count = [(value, 0)], 0
-    while waiting:
-        one, depth = waiting.pop()
-        count += 1 + (len(one) if isinstance(one, str) else 0)
-        if depth > _DEEPEST:
-            raise ValueError(f"expected at most {_DEEPEST} nested lists and mappings")
-        if count > arithmetic.MOST_DATA:
-            raise ValueError(f"expected at most {arithmetic.MOST_DATA} values and characters, aliases expanded")
-        if isinstance(one, dict):
-            waiting += [(part, depth + 1) for part in (*one.keys(), *one.values())]
-        elif isinstance(one, list):
-            waiting += [(part, depth + 1) for part in one]
+def _depth(value: Any) -> int:
+    """How deep lists and mappings are inside each other."""
+    inside = value if isinstance(value, list | tuple) else value.values() if isinstance(value, dict) else None
+    return 0 if inside is None else 1 + max(map(_depth, inside), default=0)

@@ -187,10 +187,8 @@ FILES = [
 
 def prepare() -> None:
     import pinograsp
-    from pinograsp.hands.xacro_guard import _harmless_xacro
 
     pinograsp.load_hand  # noqa: B018 - imports what it needs
-    _harmless_xacro()
 
 
 def make(rng: np.random.Generator, folder: Path) -> dict:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib.util
+import math
 import os
+import sys
 import time
 
 import pytest
@@ -192,10 +196,20 @@ def test_what_was_looked_through_is_what_is_used(tmp_path, monkeypatch):
     assert 'name="seen"' in expand_xacro(path)
 
 
-def test_users_own_xacro_stays_as_it_is(tmp_path):
+@pytest.mark.parametrize("body", ['<link name="${math.prod([1, 2])}"/>', '<link name="${9**9**9}"/>', "<unclosed>"])
+def test_nothing_of_the_libraries_is_changed(tmp_path, body):
+    import simpleeval
     import xacro
 
-    expand_xacro(write(tmp_path, '<link name="${1+1}"/>'))
+    def state():
+        return [{k: dict(v) if isinstance(v, dict) else v for k, v in vars(one).items()} for one in places]
+
+    places = (xacro, simpleeval, simpleeval.SimpleEval, math)
+    before, stream = state(), sys.stderr
+    for trusted in (False, True):
+        with contextlib.suppress(HandNotLoaded):
+            expand_xacro(write(tmp_path, body), trusted=trusted and "9**9" not in body)
+    assert state() == before and sys.stderr is stream
     path = write(tmp_path, "<link name=\"${''.join(['a', 'b'])}\"/>")
     assert 'name="ab"' in xacro.process_file(str(path)).toxml()
     assert 'name="ab"' in expand_xacro(path, trusted=True)
@@ -316,11 +330,11 @@ def test_optional_includes_may_be_missing(tmp_path):
     assert 'name="a"' in expand_xacro(path)
 
 
-def test_what_the_guard_does_not_answer_does_not_work():
+def test_what_the_guard_does_not_answer_does_not_work(tmp_path):
     """Ways to Python's own functions that a version of xacro may have, and that nobody has seen."""
-    from pinograsp.hands.xacro_guard import _harmless_xacro
+    from pinograsp.hands.xacro_guard import Files, _harmless_xacro
 
-    module = _harmless_xacro()
+    module = _harmless_xacro(Files(write(tmp_path, "<link name='a'/>"), {}))
     for call in ("load_yaml('x')", "eval('1')", "open('x')", "glob.glob('*')", "compile('1', '', 'eval')", "exec('1')"):
         with pytest.raises(Exception, match="only arithmetic is allowed|has no attribute 'glob'"):
             eval(call, vars(module))
@@ -328,15 +342,11 @@ def test_what_the_guard_does_not_answer_does_not_work():
 
 
 def test_another_xacro_is_not_taken_for_the_one_that_is_known(tmp_path, monkeypatch):
-    from pinograsp.hands import xacro_guard
-
-    monkeypatch.setattr(xacro_guard, "_REPLACED", (*xacro_guard._REPLACED, "something_new"))
-    xacro_guard._harmless_xacro.cache_clear()
-    try:
-        with pytest.raises(HandNotLoaded, match="cannot be guarded"):
-            expand_xacro(write(tmp_path, "<link name='a'/>"))
-    finally:
-        xacro_guard._harmless_xacro.cache_clear()
+    (tmp_path / "other.py").write_text("def process_file(name, mappings):\n    return eval(open(name).read())")
+    spec = importlib.util.spec_from_file_location("xacro", tmp_path / "other.py")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: spec)
+    with pytest.raises(HandNotLoaded, match="cannot be guarded"):
+        expand_xacro(write(tmp_path, "<link name='a'/>"))
 
 
 def test_included_files_are_scanned_too(tmp_path):

@@ -132,7 +132,10 @@ BOMBS = {
     "objects": "a: !!python/object/apply:os.system ['touch ran']",
     "aliases": "a0: &a0 [1,1,1,1,1,1,1,1,1,1]\n"
     + "\n".join(f"a{i}: &a{i} [{f'*a{i - 1},' * 10}]" for i in range(1, 9)),
+    "aliases in pairs": "a0: &a0 !!omap [x: 1]\n"
+    + "\n".join(f"a{i}: &a{i} !!omap [{f'x: *a{i - 1},' * 10}]" for i in range(1, 9)),
     "a loop": "a: &a [*a]",
+    "a loop of pairs": "a: &a !!omap [x: *a]",
     "depth": "a: " + "[" * 2000 + "]" * 2000,
     "length": "a: " + "x" * 90_000,
     "bytes": "a: x\n" * 100_000,
