@@ -15,8 +15,8 @@ import simpleeval
 # A number, a truth value, a text, nothing, a list of these, or a mapping to these.
 Value: TypeAlias = Any
 
-MOST_TEXT = 10_000  # characters of a text
-MOST_DATA = 20_000  # values and characters of a list or mapping
+MOST_TEXT = 10_000  # characters of a text, and values and characters of a list
+MOST_DATA = 20_000  # of a mapping
 _MOST_BITS = 1024  # of whole numbers: the range of a float
 _TOO_LARGE = f"a whole number of more than {_MOST_BITS} bits is too large"
 _MOST_WORK = 1_000_000  # values and characters that one expression goes through: less than a second
@@ -53,6 +53,9 @@ def _power(base: Value, exponent: Value) -> Value:
 _OPERATORS: dict[type[ast.AST], Callable[..., Value]] = simpleeval.DEFAULT_OPERATORS | {ast.Pow: _of_numbers(_power)}
 for _kind in (ast.Mod, ast.BitOr, ast.BitAnd, ast.BitXor):
     _OPERATORS[_kind] = _of_numbers(_OPERATORS[_kind])
+
+
+_ALLOWED = {*_PARTS, *_OTHERS, *_OPERATORS}
 
 
 def _limited(function: Callable[..., Value], most: int, skip: int = 0) -> Callable[..., Value]:
@@ -105,7 +108,7 @@ def parsed(expression: str) -> ast.Expression:
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise NotPython("expected an expression that Python can read") from None
     for node in ast.walk(tree):
-        if not isinstance(node, (*_PARTS, *_OTHERS, *_OPERATORS)):
+        if type(node) not in _ALLOWED:
             raise NotArithmetic(f"only arithmetic is allowed, no {type(node).__name__}")
         name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
         if name.startswith("__" if isinstance(node, ast.Name) else "_"):
@@ -165,7 +168,7 @@ class _Evaluation(simpleeval.SimpleEval):  # type: ignore[misc]  # it has no typ
         What is done with values takes no longer than to go through them, so that their sizes bound the time.
         """
         value = _bounded(handle(node))
-        self.work += 1 + size_of(value)
+        self.work += 1 + (0 if isinstance(value, int | float) else size_of(value))
         if self.work > _MOST_WORK:
             raise NotArithmetic(f"it goes through more than {_MOST_WORK} values and characters")
         return value
@@ -214,13 +217,15 @@ def _dotted(node: ast.expr) -> str:
 
 def _bounded(value: Value) -> Value:
     """The value, where it is of a kind and size that expressions may have."""
+    if type(value) is float or type(value) is bool:
+        return value
     value = list(value) if isinstance(value, tuple) else value
     if isinstance(value, int) and value.bit_length() > _MOST_BITS:
         raise NotArithmetic(_TOO_LARGE)
-    if isinstance(value, str) and len(value) > MOST_TEXT:
-        raise NotArithmetic(f"a text of more than {MOST_TEXT} characters is too long")
-    if size_of(value) > MOST_DATA:
-        raise NotArithmetic(f"a list or mapping of more than {MOST_DATA} values and characters is too large")
+    if isinstance(value, str | list | dict) and size_of(value) > (
+        MOST_DATA if isinstance(value, dict) else MOST_TEXT + 1
+    ):
+        raise NotArithmetic(f"expected a text or list of at most {MOST_TEXT}, a mapping of at most {MOST_DATA} values")
     if value is not None and not isinstance(value, int | float | str | list) and type(value) is not dict:
         raise NotArithmetic(f"expected a number, a text, a list or a mapping, got {type(value).__name__}")
     return value
