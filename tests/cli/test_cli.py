@@ -378,12 +378,13 @@ def test_a_pipe_is_no_case_file(command, tmp_path):
 
 
 def test_a_case_offers_the_choices_of_the_force_searches():
-    from pinograsp.cases.case import Case, Objective
-    from pinograsp.forces import OBJECTIVES, available_backends
+    from pinograsp.cases.case import Case
+    from pinograsp.cases.sections import Objective
+    from pinograsp.forces import OBJECTIVES, available_solvers
 
     assert get_args(Objective) == OBJECTIVES
     section = Case.model_fields["forces"].annotation
-    for name in available_backends():
+    for name in available_solvers():
         assert section(solver=name).solver == name
     with pytest.raises(ValueError, match="expected one of auto, interior, newton, .*daqp"):
         section(solver="no_such_solver")
