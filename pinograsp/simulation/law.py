@@ -198,7 +198,7 @@ class ContactLaw:
             table: depths [m] and forces [N] (l, 2) in place of delta^rho; empty: there is none.
         """
         self.K, self.lam, self.rho = stiffness, damping, exponent
-        self.table = _dense(table) if len(table) else None
+        self.table = _refine(table) if len(table) else None
         self.mu, self.torsion, self.kt = np.asarray(mu, dtype=float), torsion, tangential
         self.single: BoolArray = np.asarray(counts) == 1
         self.counts: Array = np.maximum(np.asarray(counts, dtype=float), 1.0)
@@ -207,7 +207,7 @@ class ContactLaw:
         self.z, self.phi = np.zeros((p, 3)), np.zeros(p)
         self.elastic = self.damped = self.slipped = self.normal_work = 0.0
         self.slip = np.zeros(p)
-        self._held = 0.0  # energy in the tangential springs
+        self._stored = 0.0  # energy in the tangential springs
         self._turned: Array | None = None  # the object's rotation at the last step
         self._before = _PartForces(np.zeros(p), np.zeros(p), np.zeros((p, 3)), np.zeros(p))  # at the last step
 
@@ -236,21 +236,11 @@ class ContactLaw:
         of = part == here[:, None]  # (h, c): which points belong to which part
         which = of.argmax(axis=0)
         counts = self.counts[here]
-        # A grazing point has little weight, so that the forces at the others do not jump when it appears or vanishes.
-        deepest = np.where(of, depth, 0.0).max(axis=1)
-        counted = np.minimum(1.0, depth / (_GRAZING * deepest[which]))
-        counted = np.where(self.single[part], (depth / deepest[which]) ** _POINTED, counted)
-        weights = of * (counted * (1.0 / (of @ counted))[which])  # (h, c): the weights of a part sum to one
-        if pose is not None:
-            for row, one in enumerate(here.tolist()):
-                if one in self.places and (mine := np.flatnonzero(of[row])).size > 1:
-                    weights[row, mine] = self.places[one].weights(
-                        (touches.point_o[mine] - pose[:3, 3]) @ pose[:3, :3], depth[mine] / deepest[row]
-                    )
+        weights = self._weigh(touches, pose, here, of, which)
         share = counts[which] * weights.sum(axis=0)
 
         rate = _dot(touches.velocity_o, n)
-        raised = depth**self.rho if self.table is None else _joined(self.table, 1, depth)
+        raised = depth**self.rho if self.table is None else _interpolate(self.table, 1, depth)
         normal = share * np.maximum((self.lam * rate + self.K) * raised, 0.0)
 
         # The springs of parts that touch follow the surfaces. A point's share of them is that of its pressure: they
@@ -269,8 +259,8 @@ class ContactLaw:
         stretched -= _dot(stretched, n)[:, None] * n
         tangential = (self.kt * gripping)[:, None] * stretched
         length = np.sqrt(_dot(tangential, tangential))
-        held = np.minimum(1.0, self.mu[part] * normal / np.maximum(length, 1e-300))
-        tangential *= held[:, None]
+        ratio = np.minimum(1.0, self.mu[part] * normal / np.maximum(length, 1e-300))
+        tangential *= ratio[:, None]
         twisting, normal_of = self.kt * self.torsion**2 * counts, of @ normal
         twist = np.clip(twisting * phi, -self.torsion * normal_of, self.torsion * normal_of)
 
@@ -280,9 +270,9 @@ class ContactLaw:
         stiff = self.kt * (of @ (gripping * _dot(arm, arm))) + twisting
         around = of @ _dot(tangential, arm) + twist
         turned = np.divide(around, stiff, out=np.zeros(len(here)), where=stiff > 1e-12)
-        if held.min() < 1.0:
+        if ratio.min() < 1.0:
             gone = z - left
-            self.slip[here] += np.sqrt(_dot(gone, gone)) * ((of * held).sum(axis=1) < of.sum(axis=1))
+            self.slip[here] += np.sqrt(_dot(gone, gone)) * ((of * ratio).sum(axis=1) < of.sum(axis=1))
         self.z[:], self.phi[:] = 0.0, 0.0  # parts that do not touch have no spring
         self.z[here], self.phi[here] = left, turned
 
@@ -290,12 +280,30 @@ class ContactLaw:
         springs = 0.5 * float(self.kt * counts @ _dot(left, left) + stiff @ (turned * turned))
         part_forces = _PartForces(normal_of, normal_of - of @ pressed, pulled, around)
         self._account(here, part_forces, _PartSpeeds(weights @ rate, across, spin), springs, dt)
-        if self.table is None:
-            self.elastic = float(pressed @ depth) / (self.rho + 1) + springs
-        else:
-            self.elastic = float(share @ _joined(self.table, 2, depth)) * self.K + springs
+        self.elastic = self._compress(share, raised, depth) + springs
         moment = (twist[which] * normal / np.maximum(normal_of[which], 1e-300))[:, None] * n
         return Pressing(normal[:, None] * n + tangential, moment, normal)
+
+    def _weigh(self, touches: Touches, pose: Array | None, here: IntArray, of: BoolArray, which: IntArray) -> Array:
+        """Weights (h, c) of the points of each part that touches, see :meth:`press`; those of a part sum to one."""
+        # A grazing point has little weight, so that the forces at the others do not jump when it appears or vanishes.
+        deepest = np.where(of, touches.depth, 0.0).max(axis=1)
+        near = np.minimum(1.0, touches.depth / (_GRAZING * deepest[which]))
+        near = np.where(self.single[touches.part], (touches.depth / deepest[which]) ** _POINTED, near)
+        weights: Array = of * (near * (1.0 / (of @ near))[which])
+        if pose is not None:
+            for row, one in enumerate(here.tolist()):
+                if one in self.places and (mine := np.flatnonzero(of[row])).size > 1:
+                    weights[row, mine] = self.places[one].weights(
+                        (touches.point_o[mine] - pose[:3, 3]) @ pose[:3, :3], touches.depth[mine] / deepest[row]
+                    )
+        return weights
+
+    def _compress(self, share: Array, raised: Array, depth: Array) -> float:
+        """Energy in the normal springs of points (c,) [J]."""
+        if self.table is None:
+            return self.K * float((share * raised) @ depth) / (self.rho + 1)
+        return self.K * float(share @ _interpolate(self.table, 2, depth))
 
     def _turn_along(self, rotation: Array) -> None:
         """Turn the tangential springs with the object: a hand that turns takes them along."""
@@ -309,8 +317,8 @@ class ContactLaw:
             self.z[:], self.phi[:] = 0.0, 0.0
             for forces in self._before:
                 forces[:] = 0.0
-            self.slipped += self._held
-            self.elastic = self._held = 0.0
+            self.slipped += self._stored
+            self.elastic = self._stored = 0.0
 
     def _account(self, here: IntArray, forces: _PartForces, speeds: _PartSpeeds, springs: float, dt: float) -> None:
         """Add the work of a step: the mean of the forces at its two ends, times the distance at these speeds."""
@@ -323,12 +331,12 @@ class ContactLaw:
         self.normal_work += dt * float(mean.normal @ speeds.rate)
         self.damped += dt * float(mean.damping @ speeds.rate)
         self.slipped += dt * float(_dot(mean.tangential, speeds.across).sum() + mean.moment @ speeds.spin) - (
-            springs - self._held
+            springs - self._stored
         )
-        self._held = springs
+        self._stored = springs
 
 
-def _dense(table: Array) -> Array:
+def _refine(table: Array) -> Array:
     """Depths [m], forces [N] and stored energies [J] (3, n) of a table, close enough to each other for straight lines.
 
     Monotone cubics join its points (Fritsch and Carlson); beyond the last one they go on straight.
@@ -342,7 +350,7 @@ def _dense(table: Array) -> Array:
     return np.array([depths, forces, np.append(0.0, np.cumsum(steps))])
 
 
-def _joined(table: Array, row: int, depth: Array) -> Array:
+def _interpolate(table: Array, row: int, depth: Array) -> Array:
     return np.asarray(np.interp(depth, table[0], table[row]))
 
 
