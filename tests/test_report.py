@@ -18,7 +18,7 @@ from pinograsp.handover import joint_trajectory
 from pinograsp.plan import PlanRecord
 from pinograsp.plan.answer import disturbance_held, does_it_hold, friction_used
 from pinograsp.planner import save_run
-from pinograsp.report import Answer, Picture, Report, answer_questions, list_results, report_plan, write_report
+from pinograsp.report import Finding, Picture, Report, answer_questions, list_results, report_plan, write_report
 from pinograsp.simulation import simulate
 from pinograsp.storage import newest_check
 from pinograsp.viz import figures
@@ -271,7 +271,7 @@ def test_markdown_shows_names_as_they_are(name):
 def test_the_page_takes_in_its_own_figures_alone(tmp_path):
     (tmp_path / "mine.png").write_bytes(b"mine")
     shown = [Picture(name, "a") for name in ("mine.png", "gone.png", "/etc/hostname", "../mine.png")]
-    text = Report(title="t", answers=[Answer("?", "!")], figures=shown).to_html(tmp_path)
+    text = Report(title="t", answers=[Finding("?", "!")], figures=shown).to_html(tmp_path)
     assert Page(text).links == ["data:image/png;base64," + base64.b64encode(b"mine").decode()]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from pinograsp.carry.record import CarryPlan
 from pinograsp.plan import Simulation
-from pinograsp.report import Answer, Picture, Report, Section, answer_simulated, list_section
+from pinograsp.report import Finding, Picture, Report, Section, answer_simulated, list_section
 from pinograsp.words import number
 
 _CAPTIONS = {
@@ -53,7 +53,7 @@ def report_carry(plan: CarryPlan, figures: Sequence[str] = (), simulation: Simul
     )
 
 
-def _answer(plan: CarryPlan, simulation: Simulation | None) -> list[Answer]:
+def _answer(plan: CarryPlan, simulation: Simulation | None) -> list[Finding]:
     free = f"{100 * plan.reserve:g} % of friction, caps, torques and speeds are kept free."
     if plan.fastest is None:
         fast = f"Along the trajectory of {plan.duration:.4g} s; {plan.factor:.3g} times as fast could be held."
@@ -65,13 +65,13 @@ def _answer(plan: CarryPlan, simulation: Simulation | None) -> list[Answer]:
     binds = "; ".join(f"{what} ({100 * share:.0f} % of the time)" for what, share in plan.shares()[:3])
     level = "yes" if simulation is None or simulation.verdict.held else "no"
     answers = [
-        Answer("How fast?", f"{fast} {free}", level),
-        Answer("How hard?", f"{plan.squeeze.min():.3g} to {plan.squeeze.max():.3g} N of normal force in all."),
-        Answer("What binds?", f"{binds}."),
-        Answer("How much friction?", f"Up to {100 * plan.friction_use.max():.0f} % of what is relied on."),
+        Finding("How fast?", f"{fast} {free}", level),
+        Finding("How hard?", f"{plan.squeeze.min():.3g} to {plan.squeeze.max():.3g} N of normal force in all."),
+        Finding("What binds?", f"{binds}."),
+        Finding("How much friction?", f"Up to {100 * plan.friction_use.max():.0f} % of what is relied on."),
     ]
     if plan.cautions:
-        answers.append(Answer("Doubtful?", f"{'; '.join(plan.cautions)}."))
+        answers.append(Finding("Doubtful?", f"{'; '.join(plan.cautions)}."))
     if simulation is None:
-        return [*answers, Answer("Simulated?", "Not yet: --check.")]
+        return [*answers, Finding("Simulated?", "Not yet: --check.")]
     return answers + answer_simulated(simulation)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pinograsp.certification.elastic import Reactions, find_multiples
-from pinograsp.certification.setup import Setup
+from pinograsp.certification.setup import CertifySetup
 from pinograsp.certification.squeeze import (
     Forces,
     Grips,
@@ -20,7 +20,7 @@ from pinograsp.certification.squeeze import (
     squeeze,
     squeeze_partly,
 )
-from pinograsp.certification.touches import Touches
+from pinograsp.certification.touches import PostureTouches
 from pinograsp.contacts import Friction
 from pinograsp.contacts.contact_set import bare_contacts
 from pinograsp.contacts.friction import CONE, SOFT
@@ -53,7 +53,7 @@ class Squeezes:
     least_mu: Array
 
 
-def find_squeezes(setup: Setup, touches: Touches) -> tuple[Squeezes, dict[str, float]]:
+def find_squeezes(setup: CertifySetup, touches: PostureTouches) -> tuple[Squeezes, dict[str, float]]:
     """The squeeze of each grasp that touches with two links or more, and computing times [s]."""
     given, count = setup.conditions.friction, len(touches.q)
     full = Squeezes(
@@ -82,7 +82,9 @@ def find_squeezes(setup: Setup, touches: Touches) -> tuple[Squeezes, dict[str, f
     return full, elapsed
 
 
-def _find(setup: Setup, touches: Touches, rows: IntArray, holding: Holding) -> tuple[Squeezes, dict[str, float]]:
+def _find(
+    setup: CertifySetup, touches: PostureTouches, rows: IntArray, holding: Holding
+) -> tuple[Squeezes, dict[str, float]]:
     """Squeezes of some of the grasps, all with one model of friction."""
     started, options = time.perf_counter(), setup.options
     used = touches.used[rows]
@@ -136,7 +138,9 @@ def _components(friction: Friction) -> list[int]:
     return [0, 1, 2, 3] if friction.d == 4 else [0, 1, 3]
 
 
-def _squeeze_exactly(setup: Setup, touches: Touches, rows: IntArray, grips: Grips, holding: Holding) -> Forces:
+def _squeeze_exactly(
+    setup: CertifySetup, touches: PostureTouches, rows: IntArray, grips: Grips, holding: Holding
+) -> Forces:
     """The least squeezes that bear the reserve, where the quick way finds none: a program each."""
     conditions = replace(setup.conditions, friction=holding.friction)
     normal = np.zeros(grips.used.shape)
@@ -151,7 +155,7 @@ def _squeeze_exactly(setup: Setup, touches: Touches, rows: IntArray, grips: Grip
     return Forces(status=status, local=forces.local, residual=forces.residual)
 
 
-def _margins(setup: Setup, multiples: Array, pressed: BoolArray, proven: BoolArray) -> tuple[Array, Array]:
+def _margins(setup: CertifySetup, multiples: Array, pressed: BoolArray, proven: BoolArray) -> tuple[Array, Array]:
     """Multiples of the reserve that are borne (N,), and the wrench that is borne least (N, 6)."""
     if not multiples.shape[1]:
         return np.where(pressed, np.inf, 0.0), np.zeros((len(pressed), 6))
@@ -161,8 +165,8 @@ def _margins(setup: Setup, multiples: Array, pressed: BoolArray, proven: BoolArr
 
 
 def _torques(
-    setup: Setup,
-    touches: Touches,
+    setup: CertifySetup,
+    touches: PostureTouches,
     rows: IntArray,
     forces: Array,
     plain: Forces,
@@ -189,7 +193,7 @@ def _torques(
     return tau, effort, np.where(plain.found, multiples * holding.size, 0.0)
 
 
-def _torque_columns(touches: Touches, rows: IntArray, friction: Friction) -> Array:
+def _torque_columns(touches: PostureTouches, rows: IntArray, friction: Friction) -> Array:
     """Joint torques per unit of the contact components (N, k, d, n)."""
     J, R = touches.jacobians[rows], touches.rotations[rows]
     columns = np.einsum("nkxj,nkxc->nkcj", J[:, :, :3], R)

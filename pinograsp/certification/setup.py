@@ -39,7 +39,7 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Setup:
+class CertifySetup:
     """Prepared once for any number of postures (n joints).
 
     Attributes:
@@ -66,7 +66,7 @@ class Setup:
     ratios: Array
 
 
-def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: Options) -> Setup:
+def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: Options) -> CertifySetup:
     """The set-up of a hand and an object.
 
     Raises:
@@ -86,7 +86,7 @@ def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: O
     cap = np.inf if conditions.max_normal_force is None else conditions.max_normal_force
     deepest = float(law.force(conditions.max_depth))
     ratios = () if hand.direct_drive else ratios_of(hand.joint_names, hand.drives)
-    return Setup(
+    return CertifySetup(
         hand=hand,
         body=body,
         conditions=conditions,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pinograsp.certification.record import FAR_OFF
-from pinograsp.certification.setup import Setup
+from pinograsp.certification.setup import CertifySetup
 from pinograsp.contacts.bulk import BulkContacts
 from pinograsp.contacts.support import CORNERS
 from pinograsp.motion.producible import HARDLY
@@ -24,7 +24,7 @@ _REACH, _LEVER, _OPEN = 0.1, 0.03, 3e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Touches:
+class PostureTouches:
     """Where N postures touch, up to k contacts each; other arrays as in :class:`~pinograsp.certification.Certificates`.
 
     Attributes:
@@ -61,7 +61,7 @@ class Touches:
         used: BoolArray = np.arange(self.points_o.shape[1]) < self.counts[:, None]
         return used
 
-    def motions(self, setup: Setup) -> tuple[Array, Array]:
+    def motions(self, setup: CertifySetup) -> tuple[Array, Array]:
         """How joints (N, k, n) and the object's shift (N, k, 6), turns times the arm, bring contacts closer."""
         normals = self.rotations[..., 2] * self.used[..., None]
         moves = np.einsum("nkxj,nkx->nkj", self.jacobians[:, :, :3], normals)
@@ -72,8 +72,8 @@ class Touches:
         return moves, np.concatenate([normals, turned], axis=2)
 
 
-def find_touches(setup: Setup, q: Array, roots: Array) -> Touches:
-    """Touches of fingers and palm that can be at once as contacts, one at each corner of an area."""
+def find_touches(setup: CertifySetup, q: Array, roots: Array) -> PostureTouches:
+    """PostureTouches of fingers and palm that can be at once as contacts, one at each corner of an area."""
     hand, options = setup.hand, setup.options
     allowed = _BEYOND * np.where(hand.slides, _LEVER, 1.0)
     beyond = ((q < hand.lower - allowed) | (q > hand.upper + allowed)).any(axis=1)
@@ -87,7 +87,7 @@ def find_touches(setup: Setup, q: Array, roots: Array) -> Touches:
     corners = bulk.counts[chosen] if options.patches else np.ones(len(chosen), dtype=np.int64)
     touch = np.repeat(chosen, corners)
     corner = np.arange(len(touch)) - np.repeat(np.cumsum(corners) - corners, corners)
-    touches = Touches(
+    touches = PostureTouches(
         q=q,
         roots=roots,
         beyond=np.asarray(beyond),
@@ -110,8 +110,8 @@ def _slots(counts: IntArray) -> IntArray:
     return slots
 
 
-def _pad(setup: Setup, bulk: BulkContacts, touch: IntArray, corner: IntArray, count: int) -> dict[str, Any]:
-    """Contacts at corners of touches, as the padded arrays of :class:`Touches`."""
+def _pad(setup: CertifySetup, bulk: BulkContacts, touch: IntArray, corner: IntArray, count: int) -> dict[str, Any]:
+    """Contacts at corners of touches, as the padded arrays of :class:`PostureTouches`."""
     grasp, fingers, patches = bulk.grasp[touch], setup.scene.fingers, setup.options.patches
     counts = np.bincount(grasp, minlength=count)
     slot = _slots(counts)
@@ -145,7 +145,7 @@ def _pad(setup: Setup, bulk: BulkContacts, touch: IntArray, corner: IntArray, co
     }
 
 
-def _stays_open(setup: Setup, touches: Touches) -> BoolArray:
+def _stays_open(setup: CertifySetup, touches: PostureTouches) -> BoolArray:
     """Which contacts (N, k) are off the surface and cannot come to it while the others stay there.
 
     The gaps that are left by the least motion of joints and object, as far as such motions go.

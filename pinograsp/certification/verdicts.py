@@ -8,11 +8,11 @@ import numpy as np
 
 from pinograsp.certification.pressing import Squeezes, find_squeezes
 from pinograsp.certification.record import Certificates
-from pinograsp.certification.setup import Setup
-from pinograsp.certification.touches import Touches, find_touches, leave
+from pinograsp.certification.setup import CertifySetup
+from pinograsp.certification.touches import PostureTouches, find_touches, leave
 from pinograsp.checks import read_only
 from pinograsp.errors import Status
-from pinograsp.hands.efforts import exceed_ways
+from pinograsp.hands.efforts import exceed_ways, spring_torques
 from pinograsp.motion.producible import HARDLY, JOINTS, SHIFTS
 from pinograsp.motion.torques import DRY_FRICTION
 from pinograsp.spatial import Array, BoolArray, IntArray
@@ -21,7 +21,7 @@ _NEAR = 1e-9  # of shares: rounding
 _UNMADE = 0.2  # share of the depths that the hand's joints cannot choose: more is not what it makes
 
 
-def certify_block(setup: Setup, q: Array, roots: Array) -> Certificates:
+def certify_block(setup: CertifySetup, q: Array, roots: Array) -> Certificates:
     """The certificates of postures (N, n) with the hand's root at ``roots`` (N, 4, 4)."""
     started = time.perf_counter()
     touches = find_touches(setup, q, roots)
@@ -60,7 +60,7 @@ def certify_block(setup: Setup, q: Array, roots: Array) -> Certificates:
     )
 
 
-def _judge(setup: Setup, touches: Touches, squeezes: Squeezes, producible: BoolArray) -> IntArray:
+def _judge(setup: CertifySetup, touches: PostureTouches, squeezes: Squeezes, producible: BoolArray) -> IntArray:
     """The code of each grasp's status (N,), of those that apply the last one here."""
     dropped = ~squeezes.weight_held
     codes = np.full(len(touches.q), Status.HELD.code)
@@ -81,7 +81,7 @@ def _judge(setup: Setup, touches: Touches, squeezes: Squeezes, producible: BoolA
     return codes
 
 
-def _unproducible(setup: Setup, touches: Touches, squeezes: Squeezes) -> Array:
+def _unproducible(setup: CertifySetup, touches: PostureTouches, squeezes: Squeezes) -> Array:
     """Share of the depths (N,) that neither the joints nor a shift of the object can choose.
 
     Of the depths d it is |(1 + B B^T)^-1 d| / |d|, where B has the motions of :func:`pressing_together
@@ -98,17 +98,13 @@ def _unproducible(setup: Setup, touches: Touches, squeezes: Squeezes) -> Array:
     return share
 
 
-def _beyond_drives(setup: Setup, touches: Touches, squeezes: Squeezes) -> BoolArray:
+def _beyond_drives(setup: CertifySetup, touches: PostureTouches, squeezes: Squeezes) -> BoolArray:
     """Which grasps (N,) need torques that drives of several joints or of one direction, or springs, do not make."""
     hand, q = setup.hand, touches.q
     wrong_way = np.asarray(exceed_ways(hand, q, squeezes.torques).any(axis=1), dtype=bool)
     if not len(setup.ratios):
         return wrong_way
-    made = np.zeros_like(q)
-    for spring in hand.springs:
-        joint = hand.joint_names.index(spring.joint)
-        made[:, joint] -= spring.stiffness * (q[:, joint] - spring.rest)
-    off = np.abs((squeezes.torques - made) @ setup.ratios.T)
+    off = np.abs((squeezes.torques - spring_torques(hand, q)) @ setup.ratios.T)
     arms = np.linalg.norm(np.einsum("pj,nkxj->npkx", setup.ratios, touches.jacobians[:, :, :3]), axis=3)
     borne = DRY_FRICTION * np.einsum("npk,nk->np", arms, squeezes.local[..., 3])
     return np.asarray(wrong_way | (off > borne + 1e-9).any(axis=1), dtype=bool)

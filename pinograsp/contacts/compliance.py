@@ -84,8 +84,10 @@ class Compliance(Protocol):
 
         Of a deceleration of ``shape`` that ends at depth ``final_depth`` [m] after ``duration`` = tau [s].
         """
-        depth, tau = _checked(final_depth, duration)
-        measure: Array = self.measure_factor * (tau * self._pressed(depth, shape) + self.loss * self.energy(depth))
+        depth, tau = _check_measured(final_depth, duration)
+        measure: Array = self.measure_factor * (
+            tau * self._integrate_force(depth, shape) + self.loss * self.energy(depth)
+        )
         return measure
 
     def work(self, final_depth: ArrayLike, duration: float, shape: DecelerationShape = CONSTANT) -> Array:
@@ -93,8 +95,10 @@ class Compliance(Protocol):
 
         Arguments as for :meth:`impulse`.
         """
-        depth, tau = _checked(final_depth, duration)
-        measure: Array = self.measure_factor * (self.energy(depth) + self.loss / tau * self._damped(depth, shape))
+        depth, tau = _check_measured(final_depth, duration)
+        measure: Array = self.measure_factor * (
+            self.energy(depth) + self.loss / tau * self._integrate_damping(depth, shape)
+        )
         return measure
 
     def powers(
@@ -109,13 +113,13 @@ class Compliance(Protocol):
         Raises:
             InvalidInput: an energy that is further from any such sum, since it is not convex.
         """
-        _, tau = _checked(0.0, duration)
+        _, tau = _check_measured(0.0, duration)
         forces = number("largest force", largest, above=0) * np.arange(1, _FITTED + 1) / _FITTED
         depths = self.depth(forces)
         if one_of("measure", measure, MEASURES) == "impulse":
-            parts = (tau, self._pressed(depths, shape)), (self.loss, self.energy(depths))
+            parts = (tau, self._integrate_force(depths, shape)), (self.loss, self.energy(depths))
         else:
-            parts = (1.0, self.energy(depths)), (self.loss / tau, self._damped(depths, shape))
+            parts = (1.0, self.energy(depths)), (self.loss / tau, self._integrate_damping(depths, shape))
         basis = (forces[:, None] / forces[-1]) ** _EXPONENTS
         fits = [(share, nnls(basis, values)[0]) for share, values in parts if share > 0]
         wanted, fitted = (sum(share * values for share, values in all_parts) for all_parts in (parts, fits))
@@ -142,12 +146,12 @@ class Compliance(Protocol):
         table = np.column_stack([depths, self.force(depths)])
         return ContactLaw(stiffness=1.0, damping=self.loss, exponent=0.0, table=table)
 
-    def _pressed(self, final_depth: Array, shape: DecelerationShape) -> Array:
+    def _integrate_force(self, final_depth: Array, shape: DecelerationShape) -> Array:
         """Integral of f over u, 0 to 1 [N]."""
         weights, sigma, _ = shape.quadrature
         return np.asarray(self.force(final_depth[..., None] * sigma) @ weights)
 
-    def _damped(self, final_depth: Array, shape: DecelerationShape) -> Array:
+    def _integrate_damping(self, final_depth: Array, shape: DecelerationShape) -> Array:
         """Integral of f (ddelta/du)^2 over u, 0 to 1 [N m^2]."""
         weights, sigma, rate = shape.quadrature
         return np.asarray(final_depth**2 * (self.force(final_depth[..., None] * sigma) @ (weights * rate**2)))
@@ -208,12 +212,6 @@ class MarhefkaOrin(Compliance):
         """rho + 1."""
         return self.exponent + 1
 
-    def normal_force(self, depth: ArrayLike, rate: ArrayLike = 0.0) -> Array:
-        """F_n [N] at penetration ``depth`` [m] and ``rate`` [m/s] (Eq. 4); zero where there is no penetration."""
-        depths, rates = finite_of("depth", depth), finite_of("rate", rate)
-        alike("depth and rate", depths, rates)
-        return (self.damping * rates + self.stiffness) * np.maximum(depths, 0.0) ** self.exponent
-
     def scale(self, factor: float) -> MarhefkaOrin:
         """``factor`` times K, and the same damping."""
         return replace(self, stiffness=factor * self.stiffness)
@@ -223,7 +221,7 @@ class MarhefkaOrin(Compliance):
 
         c is the shape's ``impulse_factor``, (rho+1) B(rho+1, 1/2) / 2 for the constant one.
         """
-        (depth, tau), rho = _checked(final_depth, duration), self.exponent
+        (depth, tau), rho = _check_measured(final_depth, duration), self.exponent
         c = shape.impulse_factor(rho)
         return self.damping * depth ** (rho + 1) + c * self.stiffness * tau * depth**rho
 
@@ -232,14 +230,14 @@ class MarhefkaOrin(Compliance):
 
         c is the shape's ``work_factor``, 2 (rho+1) B(3/2, rho+1) for the constant one.
         """
-        (depth, tau), rho = _checked(final_depth, duration), self.exponent
+        (depth, tau), rho = _check_measured(final_depth, duration), self.exponent
         return self.stiffness * depth ** (rho + 1) + shape.work_factor(rho) * self.damping * depth ** (rho + 2) / tau
 
     def powers(
         self, measure: Measure, duration: float, shape: DecelerationShape = CONSTANT, *, largest: float = 0.0
     ) -> Powers:
         """As of any law; of F = K delta_F^rho (Eq. 26) both measures are such sums exactly, however large F is."""
-        (_, tau), K, rho, damping = _checked(0.0, duration), self.stiffness, self.exponent, self.damping
+        (_, tau), K, rho, damping = _check_measured(0.0, duration), self.stiffness, self.exponent, self.damping
         if one_of("measure", measure, MEASURES) == "impulse":
             stiff = (shape.impulse_factor(rho) * tau, 1.0)
             return ((damping * K ** (-(rho + 1) / rho), (rho + 1) / rho), stiff) if damping > 0 else (stiff,)
@@ -277,5 +275,5 @@ class _Scaled(Compliance):
         return self.law.loss / self.factor
 
 
-def _checked(depth: ArrayLike, duration: float) -> tuple[Array, float]:
+def _check_measured(depth: ArrayLike, duration: float) -> tuple[Array, float]:
     return at_least_zero("depth", depth), number("duration", duration, above=0, unit="s")

@@ -13,7 +13,7 @@ from pinograsp.contacts.friction import LARGEST_MU
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.reserve import Reserve
-from pinograsp.forces.settings import ForceOptions, ForceSettings
+from pinograsp.forces.settings import ForceArguments, ForceSettings
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
@@ -55,7 +55,7 @@ class GraspConditions(ForceSettings):
             torque_limit: TorqueLimit = ...,
             reserve: Reserve | None = ...,
             table: bool = ...,
-            **settings: Unpack[ForceOptions],
+            **settings: Unpack[ForceArguments],
         ) -> None: ...
 
     __repr__ = brief("mu", "friction", "balance", "measure", "torque_limit")

@@ -32,7 +32,7 @@ from pinograsp.contacts import (
 from pinograsp.contacts.compliance import MEASURES, Measure
 from pinograsp.contacts.friction import LARGEST_MU, default_friction
 from pinograsp.errors import InvalidInput
-from pinograsp.forces.settings import ForceOptions, ForceSettings
+from pinograsp.forces.settings import ForceArguments, ForceSettings
 from pinograsp.forces.torque_limits import TorqueLimits
 from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
@@ -65,7 +65,7 @@ class NormalForceLimits(NamedTuple):
     reason: str
 
 
-class ProblemOptions(ForceOptions, total=False):
+class ProblemOptions(ForceArguments, total=False):
     """The optional arguments of :class:`ForceProblem` that describe neither contacts nor object."""
 
     min_normal_force: ArrayLike | None

@@ -65,7 +65,7 @@ class ForceSettings:
             object.__setattr__(self, name, value)
 
 
-class ForceOptions(TypedDict, total=False):
+class ForceArguments(TypedDict, total=False):
     """:class:`ForceSettings` as arguments: numbers and lists, where attributes are arrays."""
 
     friction: Friction | None

@@ -58,7 +58,7 @@ for _kind in (ast.Mod, ast.BitOr, ast.BitAnd, ast.BitXor):
 _ALLOWED = {*_PARTS, *_OTHERS, *_OPERATORS}
 
 
-def _limited(function: Callable[..., Value], most: int, skip: int = 0) -> Callable[..., Value]:
+def _limit(function: Callable[..., Value], most: int, skip: int = 0) -> Callable[..., Value]:
     """A function whose result grows faster than any other's, with the largest whole number it may have."""
 
     def checked(*arguments: Value) -> Value:
@@ -71,20 +71,20 @@ def _limited(function: Callable[..., Value], most: int, skip: int = 0) -> Callab
 
 # Python's own take minutes for a list of large whole numbers: these stop where the result is too large.
 def _product(factors: Iterable[Value]) -> Value:
-    return functools.reduce(lambda left, right: _bounded(left * right), factors, 1)
+    return functools.reduce(lambda left, right: _check_bounds(left * right), factors, 1)
 
 
 def _multiple(*numbers: Value) -> Value:
-    return functools.reduce(lambda left, right: _bounded(math.lcm(left, right)), numbers, 1)
+    return functools.reduce(lambda left, right: _check_bounds(math.lcm(left, right)), numbers, 1)
 
 
 _MATH = {name: value for name, value in vars(math).items() if not name.startswith("_")}
-_MATH |= {"prod": _product, "lcm": _multiple, "comb": _limited(math.comb, 1000)}
-_MATH |= {"factorial": _limited(math.factorial, 170), "perm": _limited(math.perm, 170)}
+_MATH |= {"prod": _product, "lcm": _multiple, "comb": _limit(math.comb, 1000)}
+_MATH |= {"factorial": _limit(math.factorial, 170), "perm": _limit(math.perm, 170)}
 CONSTANTS = {name: value for name, value in _MATH.items() if isinstance(value, float)}
 FUNCTIONS: dict[str, Callable[..., Value]] = {
     **{one.__name__: one for one in (abs, min, max, int, float, bool, len, str)},
-    "round": _limited(round, 400, skip=1),
+    "round": _limit(round, 400, skip=1),
     **{start + name: value for start in ("", "math.") for name, value in _MATH.items() if callable(value)},
 }
 # Methods that only look at a text or a mapping.
@@ -124,7 +124,7 @@ def parsed(expression: str) -> ast.Expression:
 def names(tree: ast.AST, known: Container[str] = ()) -> set[str]:
     """Names that an expression uses, but for calls of the functions ``known``, as ``load`` or ``yaml.load``."""
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    called = [node.func for node in calls if _dotted(node.func) in known or _is_mapping(node)]
+    called = [node.func for node in calls if _join_dotted(node.func) in known or _is_mapping(node)]
     fine = {id(one.value if isinstance(one, ast.Attribute) else one) for one in called}
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in fine}
 
@@ -167,7 +167,7 @@ class _Evaluation(simpleeval.SimpleEval):  # type: ignore[misc]  # it has no typ
 
         What is done with values takes no longer than to go through them, so that their sizes bound the time.
         """
-        value = _bounded(handle(node))
+        value = _check_bounds(handle(node))
         self.work += 1 + (0 if isinstance(value, int | float) else size_of(value))
         if self.work > _MOST_WORK:
             raise NotArithmetic(f"it goes through more than {_MOST_WORK} values and characters")
@@ -177,7 +177,7 @@ class _Evaluation(simpleeval.SimpleEval):  # type: ignore[misc]  # it has no typ
         return [self.eval(self.expr, one) for one in node.elts]
 
     def _attribute(self, node: ast.Attribute) -> Value:
-        if _dotted(node) == f"math.{node.attr}":
+        if _join_dotted(node) == f"math.{node.attr}":
             if node.attr not in CONSTANTS:
                 raise NotArithmetic(f"math has no number {node.attr}")
             return CONSTANTS[node.attr]
@@ -192,7 +192,7 @@ class _Evaluation(simpleeval.SimpleEval):  # type: ignore[misc]  # it has no typ
         if _is_mapping(node):
             return {str(one.arg): self.eval(self.expr, one.value) for one in node.keywords}
         arguments = [self.eval(self.expr, one) for one in node.args]
-        if (name := _dotted(node.func)) in self.callables:
+        if (name := _join_dotted(node.func)) in self.callables:
             return self.callables[name](*arguments)
         if isinstance(node.func, ast.Attribute):
             value = self.eval(self.expr, node.func.value)
@@ -205,17 +205,17 @@ class _Evaluation(simpleeval.SimpleEval):  # type: ignore[misc]  # it has no typ
 
 def _is_mapping(node: ast.Call) -> bool:
     """Whether a call is ``dict(name=value, ...)``."""
-    return _dotted(node.func) == "dict" and not node.args and all(one.arg for one in node.keywords)
+    return _join_dotted(node.func) == "dict" and not node.args and all(one.arg for one in node.keywords)
 
 
-def _dotted(node: ast.expr) -> str:
+def _join_dotted(node: ast.expr) -> str:
     """A name, or a name in a namespace; "" for anything else."""
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
         return f"{node.value.id}.{node.attr}"
     return node.id if isinstance(node, ast.Name) else ""
 
 
-def _bounded(value: Value) -> Value:
+def _check_bounds(value: Value) -> Value:
     """The value, where it is of a kind and size that expressions may have."""
     if type(value) is float or type(value) is bool:
         return value

@@ -36,12 +36,18 @@ class Efforts(NamedTuple):
         return float(self.undone.max(initial=0.0)) / self.largest if self.largest > 0 else 0.0
 
 
+def spring_torques(hand: HandModel, q: Array) -> Array:
+    """Torques that the hand's springs make (..., n) at ``q`` (..., n)."""
+    torques = np.zeros_like(q, dtype=float)
+    for spring in hand.springs:
+        joint = hand.joint_names.index(spring.joint)
+        torques[..., joint] -= spring.stiffness * (q[..., joint] - spring.rest)
+    return torques
+
+
 def solve_efforts(hand: HandModel, q: Array, torques: Array) -> Efforts:
     """The efforts of the drives that make ``torques`` (s, n) at ``q`` (s, n) best; springs make their part."""
-    wanted = np.array(torques)
-    for spring in hand.springs:  # torques are without the springs
-        j = hand.joint_names.index(spring.joint)
-        wanted[:, j] += spring.stiffness * (q[:, j] - spring.rest)
+    wanted = torques - spring_torques(hand, q)  # torques are without the springs
     made = hand.transmission
     drives: Array = wanted @ np.linalg.pinv(made)
     undone = np.abs(wanted - drives @ made).max(axis=0, initial=0.0)

@@ -12,6 +12,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimit, TorqueLimits, Underactuation
 from pinograsp.forces.conditions import given_limit
 from pinograsp.hands import Finger, HandModel, ratios_of
+from pinograsp.hands.efforts import spring_torques
 from pinograsp.motion.jacobian import contact_jacobians, contact_points, point_jacobian
 from pinograsp.spatial import Array
 
@@ -138,13 +139,9 @@ def _underactuation(hand: HandModel, q: Array, jacobian: Array) -> Underactuatio
     ratios = tuple(ratio for ratio in ratios if np.abs(jacobian @ ratio.row).max(initial=0.0) > _NONE)
     if not ratios:
         return None
-    springs = np.zeros(hand.n)
-    for spring in hand.springs:
-        joint = hand.joint_names.index(spring.joint)
-        springs[joint] -= spring.stiffness * (q[joint] - spring.rest)
     rows = np.array([ratio.row for ratio in ratios])
     why = tuple(ratio.why for ratio in ratios)
-    return Underactuation(rows=rows, torques=rows @ springs, why=why, friction=DRY_FRICTION)
+    return Underactuation(rows=rows, torques=rows @ spring_torques(hand, q), why=why, friction=DRY_FRICTION)
 
 
 def preload_slope(

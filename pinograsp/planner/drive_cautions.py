@@ -54,9 +54,9 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
 def find_wrong_way(hand: HandModel, motion: Motion) -> str:
     """In words, the drive that would have to hold with an effort that it can make the other way only; "": none."""
     q, torques = motion.q[-1:], motion.holding_torques[None]
-    efforts = solve_efforts(hand, q, torques).drives[0]
-    for drive, effort, beyond in zip(hand.drives, efforts, exceed_ways(hand, q, torques)[0]):
-        if beyond and drive.efforts is not None:
+    for i in np.flatnonzero(exceed_ways(hand, q, torques)[0]).tolist():
+        drive, effort = hand.drives[i], solve_efforts(hand, q, torques).drives[0, i]
+        if drive.efforts is not None:
             least, most = drive.efforts
             return (
                 f"drive {drive.name} would have to hold with {effort:.3g}, and makes {least:g} to {most:g}: if it can "

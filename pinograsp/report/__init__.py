@@ -8,7 +8,7 @@ from pathlib import Path
 from pinograsp.checks import instance_of, items_of, path_of
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.report.checks import report_check
-from pinograsp.report.document import Answer, Picture, Report, Section, list_section
+from pinograsp.report.document import Finding, Picture, Report, Section, list_section
 from pinograsp.report.plans import report_failure, report_plan
 from pinograsp.report.results import (
     answer_questions,
@@ -21,7 +21,7 @@ from pinograsp.report.results import (
 from pinograsp.writing import place_of, write_errors
 
 __all__ = [
-    "Answer",
+    "Finding",
     "Picture",
     "Report",
     "Section",

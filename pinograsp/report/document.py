@@ -13,7 +13,7 @@ from pinograsp.checks import brief
 from pinograsp.pages import render
 
 
-class Answer(NamedTuple):
+class Finding(NamedTuple):
     """A question, its answer, and how to take it: "yes", "caution", "no" or "" (neutral)."""
 
     question: str
@@ -67,7 +67,7 @@ class Report:
     """
 
     title: str
-    answers: Sequence[Answer] = ()
+    answers: Sequence[Finding] = ()
     figures: Sequence[Picture] = ()
     sections: Sequence[Section] = ()
 

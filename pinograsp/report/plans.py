@@ -8,7 +8,7 @@ from typing import Any
 
 from pinograsp.checks import instance_of, items_of
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
-from pinograsp.report.document import Answer, Picture, Report, Section, list_section
+from pinograsp.report.document import Finding, Picture, Report, Section, list_section
 from pinograsp.report.results import answer_questions, list_comparison, list_results
 from pinograsp.words import fixed, number
 
@@ -72,7 +72,7 @@ def report_failure(failure: PlanFailure) -> Report:
     first, *rest = failure.message.splitlines() or [""]
     return Report(
         title=f"No grasp: {failure.name[:200]}",
-        answers=[Answer(str(failure.status), first, "no")],
+        answers=[Finding(str(failure.status), first, "no")],
         sections=[*list_section("", rest), _versions(failure.versions)],
     )
 

@@ -20,11 +20,11 @@ from pinograsp.plan.answer import (
     where_the_hand_is,
     work,
 )
-from pinograsp.report.document import Answer
+from pinograsp.report.document import Finding
 from pinograsp.words import number, printable
 
 
-def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> list[Answer]:
+def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> list[Finding]:
     """The main results: holding, forces, energy, margins and simulation."""
     instance_of("plan", plan, PlanRecord)
     instance_of("simulation", simulation, Simulation, type(None))
@@ -41,30 +41,32 @@ def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> 
     total = sum(_normal_forces(plan).values())
     outcome = does_it_hold(plan, simulation)
     answers = [
-        Answer("Does it hold?", outcome.text, outcome.level),
-        Answer("What does it bear?", _sentence(f"{bears(plan)}; reserve planned: {planned_reserve(plan.reserve)}")),
-        Answer("How hard?", f"{total:.2f} N of normal force in all: {each}; at most {plan.peak_efforts()} at a joint."),
-        Answer("How much energy?", f"{energy}."),
-        Answer("Which margin?", _sentence(margin)),
+        Finding("Does it hold?", outcome.text, outcome.level),
+        Finding("What does it bear?", _sentence(f"{bears(plan)}; reserve planned: {planned_reserve(plan.reserve)}")),
+        Finding(
+            "How hard?", f"{total:.2f} N of normal force in all: {each}; at most {plan.peak_efforts()} at a joint."
+        ),
+        Finding("How much energy?", f"{energy}."),
+        Finding("Which margin?", _sentence(margin)),
     ]
     if simulation is None:
-        answers.append(Answer("Simulated?", "Not yet: run pinograsp check."))
+        answers.append(Finding("Simulated?", "Not yet: run pinograsp check."))
     else:
         off = f"normal forces at most {100 * simulation.verdict.force_error:.1f} % off the plan"
         answers += answer_simulated(simulation, off)
     if place := where_the_hand_is(plan):
-        answers.append(Answer("Where is the hand?", _sentence(place)))
+        answers.append(Finding("Where is the hand?", _sentence(place)))
     return answers
 
 
-def answer_simulated(simulation: Simulation, remark: str = "") -> list[Answer]:
+def answer_simulated(simulation: Simulation, remark: str = "") -> list[Finding]:
     """How a simulation ended, and why the object was lost."""
     verdict = simulation.verdict
     text = "; ".join(part for part in (verdict.reason, remark) if part)
     ended, level = ("Held", "") if verdict.held else ("Lost", "no")
-    answers = [Answer("Simulated?", f"{ended}: {text}.", level)]
+    answers = [Finding("Simulated?", f"{ended}: {text}.", level)]
     reasons = (("Why lost?", verdict.causes), ("What helps?", verdict.remedies))
-    return answers + [Answer(question, f"{'; '.join(texts)}.") for question, texts in reasons if texts]
+    return answers + [Finding(question, f"{'; '.join(texts)}.") for question, texts in reasons if texts]
 
 
 def _sentence(text: str) -> str:

@@ -67,7 +67,7 @@ def read_document(path: Path, schema: str | None = None) -> dict[str, Any]:
             depth.
     """
     try:
-        document = plain_json(_bounded(path).read_bytes(), _DEEPEST)
+        document = plain_json(_check_size(path).read_bytes(), _DEEPEST)
     except (ValueError, OSError) as error:
         raise InvalidInput(f"{path.name}: {one_line(error)}") from error
     if not isinstance(document, dict):
@@ -80,7 +80,7 @@ def read_document(path: Path, schema: str | None = None) -> dict[str, Any]:
 def read_arrays(path: Path) -> Arrays:
     """The arrays of an archive, read-only; nothing in it is run (no pickles)."""
     try:
-        with zipfile.ZipFile(_bounded(path)) as archive:
+        with zipfile.ZipFile(_check_size(path)) as archive:
             members = archive.infolist()
         if sum(one.file_size for one in members) > _LARGEST:
             raise ValueError(f"expected at most {_LARGEST} bytes of arrays")
@@ -95,7 +95,7 @@ def read_arrays(path: Path) -> Arrays:
     return {name: frozen(array) for name, array in arrays.items()}
 
 
-def _bounded(path: Path) -> Path:
+def _check_size(path: Path) -> Path:
     """``path``, if a file is there that is not too large."""
     if not path.is_file():
         raise ValueError("there is no such file")

@@ -166,7 +166,7 @@ class _Reader:
 
     def record(self, kind: type, plain: Any, path: str) -> Any:
         if not isinstance(plain, dict):
-            raise _unexpected(path, f"a mapping, the fields of a {kind.__name__}", plain)
+            raise _refusal(path, f"a mapping, the fields of a {kind.__name__}", plain)
         kind = _class_of(kind, plain.get(_CLASS), path)
         values, optional = {}, _optional(kind)
         for name, hint in _hints(kind).items():
@@ -193,12 +193,12 @@ class _Reader:
             return self._array(hint, path)
         if origin is tuple:
             if not isinstance(plain, list) or (inner[-1] is not ... and len(plain) != len(inner)):
-                raise _unexpected(path, "a list" if inner[-1] is ... else f"a list of {len(inner)}", plain)
+                raise _refusal(path, "a list" if inner[-1] is ... else f"a list of {len(inner)}", plain)
             kinds = inner[:1] * len(plain) if inner[-1] is ... else inner
             return tuple(self.value(*pair, f"{path}.{i}") for i, pair in enumerate(zip(kinds, plain)))
         if origin is not None and issubclass(origin, Mapping):
             if not isinstance(plain, dict):
-                raise _unexpected(path, "a mapping", plain)
+                raise _refusal(path, "a mapping", plain)
             return {name: self.value(inner[1], one, f"{path}.{name}") for name, one in plain.items()}
         for one in _WHOLE:
             if issubclass(hint, one.kind):
@@ -213,10 +213,10 @@ class _Reader:
                 return float(plain)
             if isinstance(plain, int | float) and not isinstance(plain, bool) and abs(plain) <= HUGE:
                 return float(plain)
-            raise _unexpected(path, f"a number up to {HUGE:g}", plain)
+            raise _refusal(path, f"a number up to {HUGE:g}", plain)
         good = isinstance(plain, hint) and (hint is bool or not isinstance(plain, bool))
         if not good or (hint is int and abs(plain) > _MOST):
-            raise _unexpected(path, _in_words(hint), plain)
+            raise _refusal(path, _in_words(hint), plain)
         return plain
 
     def _any_of(self, kinds: tuple[Any, ...], plain: Any, path: str) -> Any:
@@ -269,14 +269,14 @@ class _Reader:
             return None
         shelf = self._scene.get(whole.shelf)
         if type(number) is not int or not isinstance(shelf, list) or not 0 <= number < len(shelf):
-            raise _unexpected(path, f"the number of one of the scene's {whole.shelf}", number)
+            raise _refusal(path, f"the number of one of the scene's {whole.shelf}", number)
         key = (whole.shelf, number)
         if key not in self._made:
             self._made[key] = None if shelf[number] is None else whole.read(shelf[number])
         return self._made[key]
 
 
-def _unexpected(path: str, wanted: str, got: object) -> InvalidInput:
+def _refusal(path: str, wanted: str, got: object) -> InvalidInput:
     return InvalidInput(f"{path[:200]}: expected {wanted}, got {shown(got)}")
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pinograsp.checks import instance_of, path_of
 from pinograsp.errors import ResultsNotWritten
-from pinograsp.writing.locks import ASIDE, is_live, left_over, lock, mark, stage, staged
+from pinograsp.writing.locks import ASIDE, is_live, left_over, list_staged, lock, mark, stage
 
 LISTING = "files.txt"
 _HEADER = "# Written by pinograsp: overwriting removes these files, and no others."
@@ -48,7 +48,7 @@ def write_file(path: str | Path, content: bytes) -> Path:
                         os.fchmod(stream.fileno(), place.stat().st_mode & 0o777)
                 staging.replace(place)
             finally:
-                for left in staged(mark(place)):
+                for left in list_staged(mark(place)):
                     discard(left)
     return path
 

@@ -24,7 +24,7 @@ from pinograsp.writing.files import (
     write_errors,
     write_listing,
 )
-from pinograsp.writing.locks import ASIDE, MOMENT, InUse, is_live, left_over, lock, mark, stage, staged
+from pinograsp.writing.locks import ASIDE, MOMENT, InUse, is_live, left_over, list_staged, lock, mark, stage
 
 # Begins the name of what is being replaced, where two folders cannot change places at once.
 _RETIRED = ".pinograsp.old"
@@ -200,7 +200,7 @@ def _claim(place: Path, mark_of_place: Path) -> Iterator[None]:
                         raise
             if listing_of(parent) is not None and is_live(mark(parent)):
                 raise ResultsNotWritten(f"another process is writing '{parent}': wait for it, or choose another folder")
-            for path in (*staged(mark_of_place), *left_over(parent)):
+            for path in (*list_staged(mark_of_place), *left_over(parent)):
                 discard(path)
             yield
     finally:
@@ -248,7 +248,7 @@ def _exchange(one: Path, other: Path) -> None:
         failure = ctypes.get_errno()
     if failure not in (errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP):
         raise OSError(failure, os.strerror(failure), str(other))
-    retired = other.with_name(f"{_retired(other)}{os.urandom(4).hex()}")
+    retired = other.with_name(f"{_name_retired(other)}{os.urandom(4).hex()}")
     os.rename(other, retired)
     try:
         os.rename(one, other)
@@ -258,13 +258,13 @@ def _exchange(one: Path, other: Path) -> None:
     os.rename(retired, one)
 
 
-def _retired(place: Path) -> str:
+def _name_retired(place: Path) -> str:
     return f"{_RETIRED}-{mark(place).name.removeprefix(ASIDE)}-"
 
 
 def _restore(place: Path) -> None:
     """What a writer killed between two renames has left: back in its place, or away if the new one got there."""
-    for retired in place.parent.glob(f"{_retired(place)}*"):
+    for retired in place.parent.glob(f"{_name_retired(place)}*"):
         if place.exists():
             discard(retired)
         else:

@@ -80,7 +80,7 @@ def is_live(entry: Path) -> bool:
         return True
 
 
-def staged(mark: Path) -> list[Path]:
+def list_staged(mark: Path) -> list[Path]:
     """What lies under a mark: what is being written, or was when its writer was killed."""
     return [mark, *mark.parent.glob(f"{mark.name}-*")]
 
@@ -89,4 +89,4 @@ def left_over(folder: Path) -> Iterator[Path]:
     """What writers that were killed have left in a folder; their marks are locked while each is looked at."""
     for name in {found[0] for path in folder.glob(f"{ASIDE}*") if (found := _MARK.match(path.name))}:
         with contextlib.suppress(OSError, InUse), lock(folder / name, 0):
-            yield from staged(folder / name)
+            yield from list_staged(folder / name)
