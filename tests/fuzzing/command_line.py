@@ -15,184 +15,54 @@ from pathlib import Path
 import numpy as np
 
 from fuzzing import case_file, sweep_file
-from fuzzing.case_file import pick
+from fuzzing.harness import import_public_names
+from fuzzing.material import NAMES, NUMBER_TEXTS, damage, dump_yaml, pick
 
 EXIT_CODES = (0, 2, 3)
 OBJECT, AT = "sphere:radius=0.02,mass=0.1", "0,0,0.105"
+PLACED = ["--hand", "panda", "--object", OBJECT, "--at", AT]
+CHECK = "check run --hold 0.02 --time-step 0.002".split()
 STARTS = [
-    ["plan", "case.yaml"],
-    ["plan", "case.yaml", "--set", "object.mass=1.1", "--json"],
-    ["plan", "--hand", "panda", "--object", OBJECT, "--at", AT],
-    ["close", "--hand", "panda", "--object", OBJECT, "--at", AT],
-    ["check", "run", "--hold", "0.02", "--time-step", "0.002"],
-    ["hands", "panda"],
-    ["hands", "panda", "--root", "panda_leftfinger", "--json"],
-    ["report", "run"],
-    ["view", "run", "--html", "page.html"],
-    ["sweep", "sweep.yaml", "--jobs", "1"],
-    ["export", "run", "--csv", "out.csv", "--ros2", "out.json", "--rate", "100"],
-    ["new", "new.yaml"],
-    ["--version"],
-    ["--help"],
-    ["--quiet", "hands", "panda"],
-    ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--push", "0,0,-1@0+0.01"],
+    *(["plan", *PLACED], ["close", *PLACED], CHECK, [*CHECK, "--push", "0,0,-1@0+0.01"]),
+    *(
+        line.split()
+        for line in (
+            "plan case.yaml",
+            "plan case.yaml --set object.mass=1.1 --json",
+            "hands panda",
+            "hands panda --root panda_leftfinger --json",
+            "report run",
+            "view run --html page.html",
+            "sweep sweep.yaml --jobs 1",
+            "export run --csv out.csv --ros2 out.json --rate 100",
+            "new new.yaml",
+            "--version",
+            "--help",
+            "--quiet hands panda",
+        )
+    ),
 ]
 OPTIONS = [
-    "--json",
-    "--csv",
-    "--ros2",
-    "--mujoco",
-    "--start",
-    "--lead",
-    "--goal",
-    "--compare",
-    "--sweep",
-    "--quiet",
-    "-q",
-    "--verbose",
-    "-v",
-    "-h",
-    "--help",
-    "--version",
-    "--force",
-    "--wrap",
-    "--hulls",
-    "--prescribed",
-    "--no-browser",
-    "--",
-    "-",
     "",
-    "--hold",
-    "--push",
-    "--shake",
-    "--mu",
-    "--mass",
-    "--offset",
-    "--turn",
-    "--start-error",
-    "--time-step",
-    "--seed",
-    "--out",
-    "--set",
-    "--safety",
-    "--friction",
-    "--search",
-    "--balance",
-    "--measure",
-    "--solver",
-    "--hand",
-    "--object",
-    "--at",
-    "--root",
-    "--jobs",
-    "--executor",
-    "--scheduler",
-    "--contacts",
-    "--port",
-    "--html",
-    "--check",
-    "--samples",
-    "--monte-carlo",
-    "--nothing",
-    "run",
-    "case.yaml",
-    "sweep.yaml",
-    "paper",
+    *"""
+    --json --csv --ros2 --mujoco --start --lead --goal --compare --sweep --quiet -q --verbose -v -h --help --version
+    --force --wrap --hulls --prescribed --no-browser -- - --hold --push --shake --mu --mass --offset --turn
+    --start-error --time-step --seed --out --set --safety --friction --search --balance --measure --solver --hand
+    --object --at --root --jobs --executor --scheduler --contacts --port --html --check --samples --monte-carlo
+    --nothing run case.yaml sweep.yaml paper
+    """.split(),
 ]
 VALUES = [
-    "0",
-    "-0",
-    "-1",
-    "1",
-    "2",
-    "0.5",
-    "1e-3",
-    "1e308",
-    "-1e308",
-    "1e-320",
-    "nan",
-    "inf",
-    "-inf",
-    "99999999999999999999",
-    "1" + "0" * 400,
-    "",
-    " ",
-    "x",
-    "0,0,0",
-    "0,0,1",
-    "1,2",
-    "nan,0,0",
-    "0,0,1e308",
-    "1e308,1e308,1e308",
-    "0,0,-1@0.5+0.2",
-    "0,0,-1@nan+1",
-    "@",
-    "0,0,1@",
-    "0,0,1@1e308",
-    ",,",
-    "a=1",
-    "a.b=1",
-    "=",
-    "object.mass=nan",
-    "object.mass=1e308",
-    "friction.mu=[",
-    "contacts.0.point_mm=[1,2]",
-    "mujoco",
-    "pinocchio",
-    "cone",
-    "soft",
-    "pyramid",
-    "glue",
-    "convex",
-    "hybrid",
-    "paper",
-    "paper+qp",
-    "wrench",
-    "force",
-    "work",
-    "impulse",
-    "daqp",
-    "clarabel",
-    "quadprog",
-    "gurobi",
-    "panda",
-    "humanoid",
-    "nobody",
-    "ä☃",
-    "\x1b[2J",
-    "\udcff",
-    "a" * 300,
-    "a/" * 3000,
-    "..",
-    ".",
-    "../up",
-    "run",
-    "run/check",
-    "case.yaml",
-    "new",
-    "new/deep/er",
-    "pipe",
-    "empty",
-    "damaged",
-    OBJECT,
-    AT,
-    "0,0,0.1,0,0,45",
-    "sphere:radius=nan,mass=1",
-    "sphere:radius=1e-300,mass=1",
-    "box:size=1x2,mass=1",
-    "box:size=0.03x0.03x0.05,mass=0.1",
-    "mesh:path=nothing.stl,mass=1",
-    "cylinder:radius=0.02,height=1e308,mass=0.1",
-    "sphere:",
-    ":",
-    "tcp://127.0.0.1:99999",
-    "nonsense",
-    "joblib",
-    "dask",
-    "page.html",
-    "-5",
-    "1000000000",
-    "3",
+    *(*NUMBER_TEXTS, *NAMES, "\x1b[2J", "\udcff", OBJECT, AT),
+    *"""
+    0,0,0 0,0,1 1,2 nan,0,0 0,0,1e308 1e308,1e308,1e308 0,0,-1@0.5+0.2 0,0,-1@nan+1 @ 0,0,1@ 0,0,1@1e308 ,,
+    0,0,0.1,0,0,45 a=1 a.b=1 = object.mass=nan object.mass=1e308 friction.mu=[ contacts.0.point_mm=[1,2]
+    mujoco pinocchio cone soft pyramid glue convex hybrid paper paper+qp wrench force work impulse
+    daqp clarabel quadprog gurobi panda humanoid nobody joblib dask nonsense tcp://127.0.0.1:99999
+    run run/check case.yaml new new/deep/er pipe empty damaged page.html
+    sphere:radius=nan,mass=1 sphere:radius=1e-300,mass=1 box:size=1x2,mass=1 box:size=0.03x0.03x0.05,mass=0.1
+    mesh:path=nothing.stl,mass=1 cylinder:radius=0.02,height=1e308,mass=0.1 sphere: :
+    """.split(),
 ]
 _KEPT: dict[str, Path] = {}
 
@@ -201,19 +71,13 @@ def prepare() -> None:
     """A run and a check of it, made once and copied for every input."""
     import tempfile
 
-    import pinograsp as pg
-
-    for name in pg.__all__:
-        getattr(pg, name)
+    import_public_names()
     folder = Path(tempfile.mkdtemp(prefix="fuzzing-run-"))
-    (folder / "case.yaml").write_bytes(case_file.text_of(case_file.CONVEX))
+    (folder / "case.yaml").write_bytes(dump_yaml(case_file.CONVEX))
     before = os.getcwd()
     os.chdir(folder)
-    for line in (
-        ["plan", "case.yaml", "--out", "run", "--quiet"],
-        ["check", "run", "--hold", "0.02", "--time-step", "0.002", "--quiet"],
-    ):
-        captured(line)
+    for line in (["plan", "case.yaml", "--out", "run", "--quiet"], [*CHECK, "--quiet"]):
+        capture(line)
     os.chdir(before)
     _KEPT["run"] = folder / "run"
 
@@ -221,15 +85,14 @@ def prepare() -> None:
 def make(rng: np.random.Generator, folder: Path):
     if _KEPT:
         shutil.copytree(_KEPT["run"], folder / "run")
-    (folder / "case.yaml").write_bytes(case_file.text_of(case_file.CONVEX))
-    (folder / "sweep.yaml").write_bytes(case_file.text_of(sweep_file.SWEEPS[1]))
+    (folder / "case.yaml").write_bytes(dump_yaml(case_file.CONVEX))
+    (folder / "sweep.yaml").write_bytes(dump_yaml(sweep_file.SWEEPS[1]))
     (folder / "empty").mkdir()
     (folder / "damaged").write_bytes(rng.bytes(100))
     os.mkfifo(folder / "pipe")
     if rng.random() < 0.15 and (folder / "run").is_dir():  # a run that is damaged
         path = pick(rng, sorted(path for path in (folder / "run").rglob("*") if path.is_file()))
-        content = path.read_bytes()
-        path.write_bytes(content[: int(rng.integers(len(content) + 1))] + rng.bytes(int(rng.integers(20))))
+        path.write_bytes(damage(rng, path.read_bytes()))
     line = list(pick(rng, STARTS))
     for _ in range(int(rng.choice([0, 1, 1, 1, 2, 3, 5]))):
         at, how = int(rng.integers(len(line) + 1)), rng.random()
@@ -260,7 +123,7 @@ def _long(line: list[str]) -> bool:
 def run(case) -> str:
     if _long(case):
         return "left out"
-    code, out, err = captured(case)
+    code, out, err = capture(case)
     Path("pipe").unlink(missing_ok=True)  # folders of inputs that fail are copied
     if code not in EXIT_CODES or ("Traceback" in err and not {"-v", "--verbose"} & set(case)):
         raise AssertionError(f"exit code {code}: {err[-3000:]}")
@@ -271,7 +134,7 @@ def run(case) -> str:
     return f"exit {code}"
 
 
-def captured(line: list[str]) -> tuple[int, str, str]:
+def capture(line: list[str]) -> tuple[int, str, str]:
     """Exit code, output and errors of a command line, run in this process."""
     from pinograsp import cli
 

@@ -38,6 +38,7 @@ from typing import ClassVar
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
+NO_KINDS = ("__init__", "harness", "campaign", "material")
 TIME_LIMIT = 20.0  # [s] for one input, without the time in which the machine was busy with others
 PREPARE_LIMIT = 600.0  # [s] for a worker to start: compiling may be part of it
 MEMORY_LIMIT = 4 * 2**30  # [bytes] of address space beyond that of the imports
@@ -57,7 +58,7 @@ class Result:
 
 def kinds() -> list[Path]:
     """The modules of kinds in this folder."""
-    return sorted(path for path in HERE.glob("*.py") if path.stem not in ("__init__", "harness", "campaign"))
+    return sorted(path for path in HERE.glob("*.py") if path.stem not in NO_KINDS)
 
 
 def campaign(
@@ -243,7 +244,7 @@ def _work(descriptor: int, kind: Path, seed: int) -> None:
     faulthandler.register(_STACK_SIGNAL)
     link = Connection(descriptor)
     module = module_of(kind)
-    getattr(module, "prepare", _prepare)()
+    getattr(module, "prepare", import_public_names)()
     watch = _Watch(getattr(module, "LOOPBACK", False), kind)
     sys.addaudithook(watch)
     taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -259,7 +260,7 @@ def _work(descriptor: int, kind: Path, seed: int) -> None:
         link.send(("result", label, failure, details))
 
 
-def _prepare() -> None:
+def import_public_names() -> None:
     import pinograsp
 
     for name in pinograsp.__all__:

@@ -7,7 +7,6 @@ from __future__ import annotations
 import copy
 import functools
 import json
-import os
 import re
 import struct
 import xml.etree.ElementTree as ElementTree
@@ -17,96 +16,59 @@ from pathlib import Path
 import numpy as np
 import own_hands
 
-from fuzzing import urdf
-from fuzzing.case_file import at, places
 from fuzzing.harness import SECRET
-from fuzzing.urdf import pick
+from fuzzing.material import (
+    NUMBER_TEXTS,
+    NUMBERS,
+    damage,
+    encode_xml,
+    mutate_tree,
+    mutate_values,
+    pick,
+    write_number,
+    write_odd_files,
+    write_tree,
+)
 
 TIME_LIMIT = 10.0
 FORMATS = ["stl", "ascii.stl", "obj", "ply", "ascii.ply", "off", "glb", "dae"]
-COUNTS = ["0", "1", "-1", "3", "11", "13", "255", "2000001", "99999999", "4000000000", "4294967295", "9" * 30, "x", ""]
-FLOATS = ["nan", "inf", "-inf", "1e300", "-1e300", "1e-320", "1e39", "1e9", "-1", "0", "", "x", "1e", "0x1", "9" * 400]
-# Files that a mesh may name; what is beside it may be read, for pictures.
+# Counts and indices, for the fit and for the far too many.
+WORDS = [*NUMBER_TEXTS, *"0 1 3 8 11 12 13 2000001 99999999 400000000000 f".split(), "\n"]
+# Files that a mesh or a description may name; what is beside it may be read, for pictures.
 REFERENCES = [
-    SECRET,
-    f"file://{SECRET}",
-    "/etc/passwd",
-    "file:///etc/passwd",
-    "../../../../../../etc/passwd",
-    "beside.mtl",
-    "beside.png",
-    "bomb.png",
-    "pipe.stl",
-    "secret.png",
-    "/dev/zero",
-    "http://localhost/x.png",
-    "sub/../beside.png",
-    ".",
-    "",
-    "nul\u2400",
-    "a" * 5000,
-    "data:application/octet-stream;base64,AAAA",
-    "data:;base64,%",
-    "**/*",
+    *(SECRET, f"file://{SECRET}", "/etc/passwd", "file:///etc/passwd", "../../../../../../etc/passwd", "/dev/zero"),
+    *("beside.mtl", "beside.png", "sub/../beside.png", "bomb.png", "pipe.stl", "folder.stl", "loop.stl", "zero.stl"),
+    *("secret.png", "gone.stl", ".", "..", "", "nul\u2400", "a" * 5000, "**/*", "parts/linked.stl"),
+    *("http://localhost/x.png", "data:application/octet-stream;base64,AAAA", "data:;base64,%"),
+]
+PLACES = [
+    *("{}", "./{}", "../{}", "../case/{}", "parts/{}", "../parts/../{}", "%2e%2e/{}", "{}\\x", "{}#x"),
+    *("package://thing/{}", "package://{}", "package://../../{}", "model://thing/{}", "file://{}", "file:///{}"),
+    "http://localhost/{}",
 ]
 WORDS_OBJ = [
-    "f 0 0 0",
-    "f -1 -2 -3",
-    "f -99999 1 2",
-    "f 1 2 99999999999999999999",
-    "f 1 2 4294967296",
-    "f 1 1 1",
-    "f 1 2",
-    "f",
-    "f 1/ 2/ 3/",
-    "f 1//1 2//2 3//3",
-    "f 1/1/1 2/9/9 3/-1/0",
-    "f / / /",
-    "f 1e3 2 3",
-    "f 1.5 2.5 3.5",
-    "f nan nan nan",
-    "f " + "1 2 3 " * 3000,
-    "f " + " ".join(map(str, range(1, 9))),
-    "v nan nan nan",
-    "v inf 0 0",
-    "v 1e300 1e300 1e300",
-    "v 1 2",
-    "v 1 2 3 4 5 6 7 8 9",
-    "v",
-    "vt nan nan",
-    "vn 0 0 0",
-    "o " + "x" * 5000,
-    "g a b c",
-    "s off",
-    "call ../outside/secret.txt",
-    "csh touch ran",
-    "!touch ran",
-    "shadow_obj ../outside/secret.txt",
-    "l 1 2 3",
-    "p 1",
-    "usemtl gone",
-    "usemtl m",
-    "\\",
-    "v 0 0 0 \\",
-    "#" * 5000,
-    "\0",
-    "\u00e4\u2603",
-    "cstype bezier",
+    *("f", "f 0 0 0", "f -1 -2 -3", "f -99999 1 2", "f 1 2 99999999999999999999", "f 1 2 4294967296", "f 1 1 1"),
+    *("f 1 2", "f 1/ 2/ 3/", "f 1//1 2//2 3//3", "f 1/1/1 2/9/9 3/-1/0", "f / / /", "f 1e3 2 3", "f 1.5 2.5 3.5"),
+    *("f nan nan nan", "f " + "1 2 3 " * 3000, "f 1 2 3 4 5 6 7 8", "l 1 2 3", "p 1", "cstype bezier"),
+    *("v", "v nan nan nan", "v inf 0 0", "v 1e300 1e300 1e300", "v 1 2", "v 1 2 3 4 5 6 7 8 9", "v 0 0 0 \\"),
+    *("vt nan nan", "vn 0 0 0", "o " + "x" * 5000, "g a b c", "s off", "usemtl gone", "usemtl m"),
+    *("call ../outside/secret.txt", "csh touch ran", "!touch ran", "shadow_obj ../outside/secret.txt"),
+    *("\\", "#" * 5000, "\0", "\u00e4\u2603"),
 ]
-_JSON = [None, True, -1, 0, 1, 3, 1e300, 2**31, 2**32, 2**63, 10**30, 4_000_000_000, "", "x", [], {}, [0], [[0]], 5125]
+_JSON = [*NUMBERS, None, True, "", "x", [], {}, [0], [[0]], 5125]
 
 
 def make(rng: np.random.Generator, folder: Path) -> dict:
     parts = folder / "parts"
     parts.mkdir()
-    _write_references(rng, folder)
+    write_references(rng, folder)
     names = []
     use = pick(rng, ["file", "file", "file", "spec", "folder", "pattern", "list", "hand", "hand", "hand"])
     for i in range(pick(rng, [1, 1, 1, 2, 4])):
         kind = pick(rng, FORMATS)
         within = use in ("folder", "pattern") or rng.random() < 0.5
         names.append(f"parts/p{i}.{kind}" if within else f"p{i}.{kind}")
-        (folder / names[-1]).write_bytes(hostile_mesh(rng, kind))
+        (folder / names[-1]).write_bytes(make_hostile(rng, kind))
     name = names[0]
     if use == "hand":
         (folder / "hand.urdf").write_text(_hand(rng, names))
@@ -120,7 +82,7 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
             "folder": pick(rng, ["parts", "parts", "parts", "./parts/", "parts/../parts", "."]),
             "pattern": pick(rng, ["parts/*", "parts/*", "*/p[0-9].*", "parts/p?.*", "**", "p?.stl", "[", "*"]),
             "list": [pick(rng, [*names * 8, "gone.stl", "parts", "pipe.stl"]) for _ in range(rng.integers(0, 5))],
-        }.get(use, pick(rng, [*[name] * 40, "pipe.stl", "folder.stl", "loop.stl", "gone.stl", "link.stl"])),
+        }.get(use, pick(rng, [*[name] * 40, "pipe.stl", "folder.stl", "loop.stl", "gone.stl", "zero.stl"])),
         "scale": float(pick(rng, [*[1.0] * 12, 0.001, 1e3, 1e-12, 1e300, -1.0, float("nan")])),
         "convex": bool(rng.random() < 0.4),
         "weight": pick(rng, [*[{"mass": 0.1}, {"density": 500}] * 6, {"mass": float("nan")}, {}]),
@@ -192,48 +154,50 @@ def _hand(rng, names: list[str]) -> str:
     root = ElementTree.fromstring(own_hands.HANDS[pick(rng, list(own_hands.HANDS))].split("?>", 1)[1].strip())
     for link in root.iter("link"):
         for tag in ("collision", "visual"):
-            if rng.random() < 0.5 and (link.find("collision") is not None):
-                made = ElementTree.SubElement(
-                    ElementTree.SubElement(ElementTree.SubElement(link, tag), "geometry"), "mesh"
-                )
-                made.set(
-                    "filename", pick(rng, [*names, *names, *names, "link.stl", "parts/linked.stl", *REFERENCES[:6]])
-                )
-                made.set(
-                    "scale", pick(rng, ["1 1 1", "1 1 1", "0.001 0.001 0.001", "-1 1 1", f"{urdf.number(rng)} 1 1"])
-                )
-    return ElementTree.tostring(root, encoding="unicode").replace("\u2400", "")
+            if rng.random() < 0.5 and link.find("collision") is not None:
+                geometry = ElementTree.SubElement(ElementTree.SubElement(link, tag), "geometry")
+                name = pick(rng, [*names * 3, "zero.stl", "parts/linked.stl", *REFERENCES[:6]])
+                scale = pick(rng, ["1 1 1", "1 1 1", "0.001 0.001 0.001", "-1 1 1", f"{write_number(rng)} 1 1"])
+                ElementTree.SubElement(geometry, "mesh", filename=name, scale=scale)
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 # -- the files ---------------------------------------------------------------------------------------------------------
 
 
-def hostile_mesh(rng, kind: str) -> bytes:
+def name_file(rng, names: list[str]) -> str:
+    """One of the meshes, or a place that should not be read."""
+    if rng.random() < 0.08:
+        return pick(rng, REFERENCES)
+    return (pick(rng, PLACES) if rng.random() < 0.2 else "{}").format(pick(rng, names))
+
+
+def write_meshes(rng, folder: Path) -> None:
+    """A mesh of every format, some of them hostile, and what meshes name."""
+    shape = pick(rng, ["box", "box", "ball", "two"])
+    for kind in FORMATS:
+        content = export_mesh(shape, kind) if rng.random() < 0.7 else make_hostile(rng, kind)
+        (folder / f"box.{kind}").write_bytes(content)
+    (folder / "unit_sphere.stl").write_bytes(damage(rng, export_mesh("ball", "stl"), 0.3))
+    write_references(rng, folder)
+
+
+def make_hostile(rng, kind: str) -> bytes:
     """A mesh file of a format, whole in some cases, mutated in most, and then damaged in some."""
-    content = exported(pick(rng, ["box", "box", "ball", "two", "apart", "open", "inside out"]), kind)
+    content = export_mesh(pick(rng, ["box", "box", "ball", "two", "apart", "open", "inside out"]), kind)
     for _ in range(pick(rng, [0, 0, 1, 1, 1, 3])):
-        content = _MUTATED[kind](rng, content)
+        content = _MUTATIONS[kind](rng, content)
     if rng.random() < 0.01:
         content = _crowded(kind, pick(rng, [2000, 2900, 100_000]))
     elif rng.random() < 0.03:
-        content = pick(
-            rng,
-            [
-                b"",
-                b"\0" * 84,
-                b"version https://git-lfs.github.com/spec/v1\n",
-                rng.bytes(500),
-                b"PK\x03\x04" + content,
-                exported("box", pick(rng, FORMATS)),
-                b"<" * 100_000,
-                b"[" * 100_000,
-            ],
-        )
-    return urdf.damaged(rng, content, 0.15)
+        others = [b"", b"\0" * 84, b"version https://git-lfs.github.com/spec/v1\n", rng.bytes(500)]
+        others += [b"PK\x03\x04" + content, export_mesh("box", pick(rng, FORMATS)), b"<" * 100_000, b"[" * 100_000]
+        content = pick(rng, others)
+    return damage(rng, content, 0.15)
 
 
 @functools.cache
-def exported(shape: str, kind: str) -> bytes:
+def export_mesh(shape: str, kind: str) -> bytes:
     """A mesh file of a solid: convex, round, of two parts that meet or lie apart, open, or turned inside out."""
     import trimesh
 
@@ -258,7 +222,7 @@ def exported(shape: str, kind: str) -> bytes:
 
 def _crowded(kind: str, count: int) -> bytes:
     """A sound file with very many pieces, and mostly one box."""
-    content = exported("box", kind)
+    content = export_mesh("box", kind)
     if kind == "glb":
         (length,) = struct.unpack_from("<I", content, 12)
         scene = json.loads(content[20 : 20 + length])
@@ -331,7 +295,7 @@ def _lines(rng, content: bytes, words: list[str]) -> bytes:
         lines[i:i] = [pick(rng, words).encode()] * pick(rng, [1, 1, 50])
     else:
         split = lines[i].split(b" ")
-        split[int(rng.integers(len(split)))] = pick(rng, [*COUNTS, *FLOATS]).encode()
+        split[int(rng.integers(len(split)))] = pick(rng, WORDS).encode()
         lines[i] = b" ".join(split)
     return b"\n".join(lines)
 
@@ -358,43 +322,32 @@ def _off(rng, content: bytes) -> bytes:
     if rng.random() < 0.3:
         head, _, rest = content.partition(b"\n")
         counts, _, rest = rest.partition(b"\n")
-        counts = " ".join(pick(rng, [*COUNTS, "8", "12"]) for _ in range(pick(rng, [0, 1, 2, 3, 3, 3, 4])))
-        return (
-            pick(rng, [head, b"COFF", b"NOFF", b"STOFF", b"OFF BINARY", b""]) + b"\n" + counts.encode() + b"\n" + rest
-        )
-    return _lines(
-        rng, content, ["0", "-1", "3 0 0 0", "3 0 1 -1", "3 0 1 99999999999999999999", "4 0 1 2", "9999999 1", "#"]
-    )
+        counts = " ".join(pick(rng, WORDS) for _ in range(pick(rng, [0, 1, 2, 3, 3, 3, 4])))
+        head = pick(rng, [head, b"COFF", b"NOFF", b"STOFF", b"OFF BINARY", b""])
+        return b"\n".join([head, counts.encode(), rest])
+    words = ["0", "-1", "3 0 0 0", "3 0 1 -1", "3 0 1 99999999999999999999", "4 0 1 2", "9999999 1", "#"]
+    return _lines(rng, content, words)
 
 
 def _ply(rng, content: bytes) -> bytes:
     """A PLY whose head says something else than what follows it, or whose text lies."""
     end = content.find(b"end_header")
     if end < 0 or (rng.random() < 0.3 and b"ascii" in content[:end]):
-        return _lines(rng, content, FLOATS)
+        return _lines(rng, content, WORDS)
     head, rest = content[:end], content[end:]
     if rng.random() < 0.3:
-        return head + urdf.damaged(rng, rest, 1.0)
+        return head + damage(rng, rest)
     words = [
-        *(f"element {name} {count}" for name in ("vertex", "face", "edge", "tristrips", "x") for count in COUNTS),
+        *(f"element {name} {count}" for name in ("vertex", "face", "edge", "tristrips", "x") for count in WORDS),
         *(
             f"property {kind} {name}"
             for kind in ("float", "double", "uchar", "x", "")
             for name in ("x", "red", "s", "")
         ),
-        "property list uchar int vertex_indices",
-        "property list int int vertex_index",
-        "property list float float vertex_indices",
-        "property list char double texcoord",
-        "property list uchar float texcoord",
-        "property int vertex1",
-        "property int vertex2",
+        *(f"property list {kinds} vertex_indices" for kinds in ("uchar int", "int int", "float float")),
+        *("property list char double texcoord", "property list uchar float texcoord", "property int vertex1"),
         *(f"comment TextureFile {name}" for name in REFERENCES),
-        "format binary_big_endian 1.0",
-        "format ascii 1.0",
-        "format x",
-        "end_header",
-        "ply",
+        *("format binary_big_endian 1.0", "format ascii 1.0", "format x", "end_header", "ply"),
     ]
     return _lines(rng, head, words) + rest
 
@@ -407,9 +360,11 @@ def _glb(rng, content: bytes) -> bytes:
     try:
         scene = json.loads(content[20 : 20 + length])
     except ValueError:
-        return urdf.damaged(rng, content, 1.0)
-    for _ in range(pick(rng, [1, 1, 2, 4])):
+        return damage(rng, content)
+    for _ in range(pick(rng, [0, 1, 1, 2])):
         _mutate_scene(rng, scene)
+    if rng.random() < 0.5:
+        scene = mutate_values(rng, scene, _JSON)
     text = json.dumps(scene, default=str).encode()
     text += b" " * (-len(text) % 4)
     rest = content[20 + length :]
@@ -420,72 +375,61 @@ def _glb(rng, content: bytes) -> bytes:
 
 
 def _mutate_scene(rng, scene: dict) -> None:
-    kind = int(rng.integers(8))
-    paths = [path for path in places(scene) if path]
-    if kind <= 2 and paths:
-        *above, key = pick(rng, paths)
-        holder = at(scene, above)
-        if rng.random() < 0.2:
-            del holder[key]
-        else:
-            holder[key] = copy.deepcopy(pick(rng, [*_JSON, at(scene, pick(rng, paths))]))
-    elif kind == 3:
+    kind = int(rng.integers(5))
+    if kind == 0:
         scene["buffers"] = [{"uri": pick(rng, REFERENCES), "byteLength": 100}, *_list(scene, "buffers")]
-    elif kind == 4:
+    elif kind == 1:
         scene["images"] = [{"uri": pick(rng, REFERENCES)}] * pick(rng, [1, 50])
         scene["textures"] = [{"source": 0}]
         scene["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
-        for mesh in _list(scene, "meshes"):
-            for one in _list(mesh, "primitives"):
-                if isinstance(one, dict):
-                    one["material"] = 0
-    elif kind == 5:
+        for one in _primitives(scene):
+            one["material"] = 0
+    elif kind == 2:
         for one in _list(scene, "accessors"):
-            if isinstance(one, dict):
-                one[pick(rng, ["count", "byteOffset", "componentType", "bufferView"])] = copy.deepcopy(pick(rng, _JSON))
-                one["type"] = pick(rng, ["VEC3", "SCALAR", "MAT4", "VEC2", "x"])
+            one[pick(rng, ["count", "byteOffset", "componentType", "bufferView"])] = copy.deepcopy(pick(rng, _JSON))
+            one["type"] = pick(rng, ["VEC3", "SCALAR", "MAT4", "VEC2", "x"])
         for view in _list(scene, "bufferViews"):
-            if isinstance(view, dict):
-                view[pick(rng, ["byteStride", "byteOffset", "byteLength", "buffer"])] = copy.deepcopy(pick(rng, _JSON))
-    elif kind == 6:
+            view[pick(rng, ["byteStride", "byteOffset", "byteLength", "buffer"])] = copy.deepcopy(pick(rng, _JSON))
+    elif kind == 3:
         nodes = _list(scene, "nodes")
         count = pick(rng, [1, 10, 2000])
         start = len(nodes)
         chain = [{"children": [start + k + 1], "mesh": 0, "name": pick(rng, ["a", f"n{k}"])} for k in range(count)]
         chain[-1]["children"] = [pick(rng, [0, start, 10**9, -1])]
-        chain[0]["matrix"] = pick(
-            rng, [[float("nan")] * 16, [0] * 16, [1e300] * 16, [1], "x", np.eye(4).ravel().tolist()]
-        )
+        matrices = [[float("nan")] * 16, [0] * 16, [1e300] * 16, [1], "x", np.eye(4).ravel().tolist()]
+        chain[0]["matrix"] = pick(rng, matrices)
         scene["nodes"] = [*nodes, *chain]
         scene["scenes"] = [{"nodes": [0, start]}]
     else:
         used = pick(rng, ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_transform", "x"])
         scene["extensionsUsed"] = scene["extensionsRequired"] = [used]
-        for mesh in _list(scene, "meshes"):
-            for one in _list(mesh, "primitives"):
-                if isinstance(one, dict):
-                    one["extensions"] = {used: pick(rng, [{}, {"bufferView": 0, "attributes": {"POSITION": 0}}, [], 1])}
-                    one["mode"] = pick(rng, [0, 1, 3, 4, 5, 6, 99, "x"])
+        for one in _primitives(scene):
+            one["extensions"] = {used: pick(rng, [{}, {"bufferView": 0, "attributes": {"POSITION": 0}}, [], 1])}
+            one["mode"] = pick(rng, [0, 1, 3, 4, 5, 6, 99, "x"])
 
 
-def _list(holder, key: str) -> list:
-    """What a scene that was mutated has there, if it is still a list."""
-    found = holder.get(key) if isinstance(holder, dict) else None
-    return found if isinstance(found, list) else []
+def _list(holder: dict, key: str) -> list[dict]:
+    """The records that a scene has there; a damaged scene may have something else."""
+    found = holder.get(key)
+    return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+
+
+def _primitives(scene: dict) -> list[dict]:
+    return [one for mesh in _list(scene, "meshes") for one in _list(mesh, "primitives")]
 
 
 def _dae(rng, content: bytes) -> bytes:
     try:
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError):
-        return urdf.damaged(rng, content, 1.0)
+        return damage(rng, content)
     elements = list(root.iter())
     tag = root.tag.rsplit("}", 1)[0] + "}"
     one = pick(rng, elements)
     kind = int(rng.integers(7))
     if kind == 0:
         image = ElementTree.SubElement(ElementTree.SubElement(root, f"{tag}library_images"), f"{tag}image", {"id": "i"})
-        ElementTree.SubElement(image, f"{tag}init_from").text = pick(rng, REFERENCES).replace("\u2400", "")
+        ElementTree.SubElement(image, f"{tag}init_from").text = pick(rng, REFERENCES)
     elif kind == 1:
         name = pick(rng, ["instance_geometry", "instance_node", "instance_controller", "node", "instance_visual_scene"])
         for _ in range(pick(rng, [1, 2, 300])):
@@ -497,25 +441,24 @@ def _dae(rng, content: bytes) -> bytes:
             element = pick(rng, texts)
             words = element.text.split()
             for _ in range(pick(rng, [1, 3])):
-                words[int(rng.integers(len(words)))] = pick(rng, [*COUNTS, *FLOATS])
+                words[int(rng.integers(len(words)))] = pick(rng, WORDS)
             element.text = " ".join(words)
     elif kind == 3:
         for element in elements:
             for key in ("count", "stride", "offset", "meter", "source"):
                 if element.get(key) and rng.random() < 0.3:
-                    element.set(key, pick(rng, [*COUNTS, *FLOATS]))
+                    element.set(key, pick(rng, WORDS))
     elif kind == 4:
-        ElementTree.SubElement(pick(rng, elements), f"{tag}matrix").text = " ".join([pick(rng, FLOATS)] * 16)
+        ElementTree.SubElement(pick(rng, elements), f"{tag}matrix").text = " ".join([pick(rng, NUMBER_TEXTS)] * 16)
     else:
-        urdf.mutate(rng, root, [tag + name for name in ("node", "mesh", "triangles", "polylist", "p", "source", "x")])
+        mutate_tree(rng, root, [tag + name for name in ("node", "mesh", "triangles", "polylist", "p", "source", "x")])
     try:
-        text = ElementTree.tostring(root, encoding="unicode")
+        return encode_xml(rng, write_tree(rng, root), 0.0)
     except (TypeError, ValueError, RecursionError):
         return content
-    return urdf.encoded(rng, urdf.with_bombs(rng, urdf.nested(rng, text)))
 
 
-_MUTATED = {
+_MUTATIONS = {
     "stl": _stl,
     "ascii.stl": _ascii_stl,
     "obj": _obj,
@@ -527,21 +470,18 @@ _MUTATED = {
 }
 
 
-def _write_references(rng, folder: Path) -> None:
+def write_references(rng, folder: Path) -> None:
     """What meshes name: materials and pictures, one of them a bomb; a pipe, a folder, links out and to nowhere."""
     lines = ["newmtl m", "Kd 1 0 0", f"map_Kd {pick(rng, REFERENCES)}", f"map_Kd {pick(rng, ['nan', 'beside.png'])}"]
     (folder / "beside.mtl").write_text("\n".join(lines[: int(rng.integers(5))]))
-    (folder / "beside.png").write_bytes(urdf.damaged(rng, png(4, 4), 0.3))
-    (folder / "bomb.png").write_bytes(png(pick(rng, [6000, 20_000]), pick(rng, [6000, 20_000])))
-    os.mkfifo(folder / "pipe.stl")
-    (folder / "folder.stl").mkdir()
-    (folder / "loop.stl").symlink_to("loop.stl")
-    (folder / "link.stl").symlink_to("/dev/zero")
-    (folder / "secret.png").symlink_to(SECRET)
+    (folder / "beside.png").write_bytes(damage(rng, write_png(4, 4), 0.3))
+    (folder / "bomb.png").write_bytes(write_png(pick(rng, [6000, 20_000]), pick(rng, [6000, 20_000])))
+    write_odd_files(folder, ".stl")
+    write_odd_files(folder, ".png", ["secret"])
 
 
 @functools.cache
-def png(width: int, height: int) -> bytes:
+def write_png(width: int, height: int) -> bytes:
     """A grey picture that takes no space."""
 
     def chunk(name: bytes, data: bytes) -> bytes:

@@ -9,56 +9,20 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzzing import urdf
-from fuzzing.urdf import pick
+from fuzzing import mesh, urdf
+from fuzzing.material import NAMES, NUMBER_TEXTS, damage, encode_xml, mutate_tree, pick, write_number, write_tree
 
 TIME_LIMIT = urdf.TIME_LIMIT
-TAGS = [
-    "mujoco",
-    "compiler",
-    "default",
-    "worldbody",
-    "body",
-    "joint",
-    "freejoint",
-    "geom",
-    "inertial",
-    "frame",
-    "site",
-    "asset",
-    "mesh",
-    "include",
-    "equality",
-    "actuator",
-    "motor",
-    "position",
-    "general",
-    "tendon",
-    "fixed",
-    "replicate",
-    "option",
-    "contact",
-]
+TAGS = """
+    mujoco compiler default worldbody body joint freejoint geom inertial frame site asset mesh include equality actuator
+    motor position general tendon fixed replicate option contact
+""".split()
+ATTRIBUTES = """
+    class childclass type quat euler axisangle fromto size mesh file meshdir polycoef range mass
+""".split()
 INCLUDES = [
-    "part.xml",
-    "hand.xml",
-    "sub/part.xml",
-    "../case/part.xml",
-    "/etc/hostname",
-    "/dev/zero",
-    "pipe.stl",
-    "gone.xml",
-    "fan0.xml",
-    "link.stl",
-    "x" * 5000,
-    "",
-    "sub",
-    "sub/../part.xml",
-    "folder.stl",
-    "loop.stl",
-    "nul\u2400",
-    "../../../etc/passwd",
-    "box.stl",
+    *mesh.REFERENCES,
+    *("part.xml", "hand.xml", "sub/part.xml", "../case/part.xml", "sub/../part.xml", "fan0.xml", "gone.xml", "box.stl"),
 ]
 GEOMS = [
     '<geom type="box" size="0.01 0.01 0.02"/>',
@@ -144,7 +108,7 @@ def prepare() -> None:
     pinograsp.load_hand  # noqa: B018 - imports what it needs
 
 
-def _element(rng, texts: list[str]) -> ElementTree.Element:
+def _fill_in(rng, texts: list[str]) -> ElementTree.Element:
     """One of the texts, with numbers in the place of N."""
     counts = ["0", "1", "3", "9", "-1", "200", "1000", "100000", "1000000000", "0.1", "nan", "1e300", ""]
     text = pick(rng, texts)
@@ -155,36 +119,33 @@ def _element(rng, texts: list[str]) -> ElementTree.Element:
 
 
 def make(rng: np.random.Generator, folder: Path) -> dict:
-    root = ElementTree.fromstring(_base(rng))
+    root = ElementTree.fromstring(_write_sound(rng))
     for _ in range(pick(rng, [0, 1, 1, 1, 2, 3, 6])):
         if rng.random() < 0.3:
             _mutate(rng, root)
         else:
-            urdf.mutate(rng, root, TAGS)
-    urdf.write_meshes(rng, folder)
+            mutate_tree(rng, root, TAGS)
+    mesh.write_meshes(rng, folder)
     (folder / "sub").mkdir()
-    part = pick(
-        rng,
-        [
-            "<mujocoinclude/>",
-            '<mujocoinclude><default><joint damping="1"/></default></mujocoinclude>',
-            "<mujoco><body/></mujoco>",
-            '<mujocoinclude><include file="part.xml"/></mujocoinclude>',
-            "<a" * 1000,
-            '<x><include file="../hand.xml"/></x>',
-        ],
-    )
+    parts = [
+        "<mujocoinclude/>",
+        '<mujocoinclude><default><joint damping="1"/></default></mujocoinclude>',
+        "<mujoco><body/></mujoco>",
+        '<mujocoinclude><include file="part.xml"/></mujocoinclude>',
+        "<a" * 1000,
+        '<x><include file="../hand.xml"/></x>',
+    ]
+    part = pick(rng, parts).encode()
     for name in ("part.xml", "sub/part.xml"):
-        (folder / name).write_bytes(urdf.damaged(rng, part.encode()))
+        (folder / name).write_bytes(damage(rng, part, 0.15))
     levels, width = pick(rng, [(7, 50), (3, 3), (2, 900), (30, 1)])
     for level in range(levels):
         inner = f'<include file="fan{level + 1}.xml"/>' * width
         (folder / f"fan{level}.xml").write_text(f"<mujocoinclude>{inner}</mujocoinclude>")
     (folder / f"fan{levels}.xml").write_text("<mujocoinclude>" + "<site/>" * pick(rng, [1, 500]) + "</mujocoinclude>")
-    text = urdf.nested(rng, ElementTree.tostring(root, encoding="unicode"))
     path = folder / "hand.xml"
-    path.write_bytes(urdf.damaged(rng, urdf.encoded(rng, urdf.with_bombs(rng, text))))
-    chosen = urdf.options(rng)
+    path.write_bytes(encode_xml(rng, write_tree(rng, root)))
+    chosen = urdf.draw_options(rng)
     chosen["options"].pop("fingers", None)
     return {"hand": str(path), "mesh": str(folder / pick(rng, urdf.MESHES)), **chosen}
 
@@ -192,7 +153,7 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
 run = urdf.run
 
 
-def _base(rng) -> str:
+def _write_sound(rng) -> str:
     """A palm with a few fingers, described in one of the many ways that MJCF has."""
     fingers, actuators, ties, tendons = [], [], [], []
     for i in range(rng.integers(1, 4)):
@@ -202,58 +163,41 @@ def _base(rng) -> str:
             inertial = (
                 '<inertial pos="0 0 0.01" mass="0.02" diaginertia="1e-5 1e-5 1e-5"/>' if rng.random() < 0.4 else ""
             )
-            frame = ("<frame pos='0 0 0.001'>", "</frame>") if rng.random() < 0.2 else ("", "")
             geoms = "".join([pick(rng, GEOMS[:3]), *(pick(rng, GEOMS) for _ in range(rng.integers(0, 2)))])
-            chain = (
-                f'<body name="f{i}{k}" pos="{0.03 * i - 0.03 if not k else 0} 0 0.04">{inertial}{frame[0]}<joint '
-                f'name="j{i}{k}" {kind} axis="0 1 0" '
-                f'range="-0.5 1.2"/>{geoms}{frame[1]}{chain}</body>'
-            )
-            actuators.append(
-                pick(
-                    rng,
-                    [
-                        f'<motor joint="j{i}{k}" ctrlrange="-1 1" gear="2"/>',
-                        f'<position joint="j{i}{k}" kp="3" forcerange="-2 2"/>',
-                        f'<general joint="j{i}{k}"/>',
-                        f'<general joint="j{i}{k}" biastype="affine" gainprm="3" biasprm="0 -3 -0.1"/>',
-                        f'<velocity joint="j{i}{k}" kv="{urdf.number(rng).strip()}"/>'.replace("&", ""),
-                        f'<position joint="j{i}{k}" kp="{urdf.number(rng).strip()}"/>'.replace("&", ""),
-                        f'<motor tendon="t{i}"/>',
-                        "",
-                    ],
-                )
-            )
+            inner = f'{inertial}<joint name="j{i}{k}" {kind} axis="0 1 0" range="-0.5 1.2"/>{geoms}'
+            if rng.random() < 0.2:
+                inner = f"<frame pos='0 0 0.001'>{inner}</frame>"
+            chain = f'<body name="f{i}{k}" pos="{0.03 * i - 0.03 if not k else 0} 0 0.04">{inner}{chain}</body>'
+            number = write_number(rng)
+            motors = [
+                f'<motor joint="j{i}{k}" ctrlrange="-1 1" gear="2"/>',
+                f'<position joint="j{i}{k}" kp="3" forcerange="-2 2"/>',
+                f'<general joint="j{i}{k}"/>',
+                f'<general joint="j{i}{k}" biastype="affine" gainprm="3" biasprm="0 -3 -0.1"/>',
+                f'<velocity joint="j{i}{k}" kv="{number}"/>',
+                f'<position joint="j{i}{k}" kp="{number}"/>',
+                f'<motor tendon="t{i}"/>',
+                "",
+            ]
+            actuators.append(pick(rng, motors))
             if k and rng.random() < 0.4:
                 ties.append(f'<joint joint1="j{i}{k}" joint2="j{i}0" polycoef="0.1 {rng.uniform(-2, 2):.2f} 0 0 0"/>')
         fingers.append(chain)
-        tendons.append(
-            f'<fixed name="t{i}"><joint joint="j{i}0" coef="0.5"/>'
-            + (f'<joint joint="j{i}1" coef="-0.2"/>' if length > 1 else "")
-            + "</fixed>"
-        )
-    angle = pick(
-        rng,
-        [
-            'angle="radian"',
-            'angle="degree"',
-            'autolimits="true"',
-            'meshdir="."',
-            'eulerseq="XYZ"',
-            'inertiafromgeom="true"',
-        ],
-    )
-    defaults = "<default><default class='pad'><geom type='box' size='0.01 0.01 0.01'/></default><default class='soft'><joint damping='1' stiffness='0.2' springref='9'/></default></default>"
+        second = f'<joint joint="j{i}1" coef="-0.2"/>' if length > 1 else ""
+        tendons.append(f'<fixed name="t{i}"><joint joint="j{i}0" coef="0.5"/>{second}</fixed>')
+    settings = ['angle="radian"', 'angle="degree"', 'autolimits="true"', 'meshdir="."', 'eulerseq="XYZ"']
+    compiler = pick(rng, [*settings, 'inertiafromgeom="true"'])
+    pad, soft = "<geom type='box' size='0.01 0.01 0.01'/>", "<joint damping='1' stiffness='0.2' springref='9'/>"
+    defaults = f"<default><default class='pad'>{pad}</default><default class='soft'>{soft}</default></default>"
     meshes = "".join(
-        f'<mesh name="m{i}" file="{urdf.mesh_name(rng)}" scale="1 1 '
-        f'{pick(rng, ["1", "-1", urdf.number(rng).strip() or "1"])}"/>'
+        f'<mesh name="m{i}" file="{mesh.name_file(rng, urdf.MESHES)}" scale="1 1 {pick(rng, ["1", "1", "-1", write_number(rng)])}"/>'
         for i in range(2)
-    ).replace("&", "")
+    )
+    palm = f'<body name="palm"><geom type="box" size="0.03 0.03 0.01" mass="0.1"/>{"".join(fingers)}</body>'
     return (
-        f'<mujoco model="hand"><compiler {angle}/>{defaults}<asset>{meshes}</asset><worldbody><body name="palm">'
-        '<geom type="box" size="0.03 0.03 0.01" '
-        f'mass="0.1"/>{"".join(fingers)}</body></worldbody><actuator>{"".join(actuators)}</actuator>'
-        f"<equality>{''.join(ties)}</equality><tendon>{''.join(tendons)}</tendon></mujoco>"
+        f'<mujoco model="hand"><compiler {compiler}/>{defaults}<asset>{meshes}</asset><worldbody>{palm}</worldbody>'
+        f"<actuator>{''.join(actuators)}</actuator><equality>{''.join(ties)}</equality>"
+        f"<tendon>{''.join(tendons)}</tendon></mujoco>"
     )
 
 
@@ -261,65 +205,23 @@ def _mutate(rng, root) -> None:
     elements = list(root.iter())
     one = pick(rng, elements)
     kind = int(rng.integers(8))
-    if kind == 6:
-        worlds = [element for element in elements if element.tag in ("body", "worldbody")] or elements
-        pick(rng, worlds).append(_element(rng, MACROS))
-    elif kind == 7:
-        place, texts = pick(rng, list(SECTIONS.items()))
-        section = root.find(place)
-        section = ElementTree.SubElement(root, place) if section is None else section
-        section.append(_element(rng, texts))
-    elif kind == 0:
+
+    def pick_among(*tags: str) -> ElementTree.Element:
+        return pick(rng, [element for element in elements if element.tag in tags] or elements)
+
+    if kind == 0:
         for _ in range(pick(rng, [1, 1, 3, 100])):
             one.insert(0, ElementTree.Element("include", {"file": pick(rng, INCLUDES)}))
     elif kind == 1:
-        inner = pick(
-            rng, [element for element in elements if element.tag in ("default", "worldbody", "mujoco")] or elements
-        )
+        inner = pick_among("default", "worldbody", "mujoco")
         for i in range(pick(rng, [3, 50, 150])):
             inner = ElementTree.SubElement(inner, "default", {"class": pick(rng, [f"c{i}", "main", "pad"])})
-        ElementTree.SubElement(inner, "joint", {pick(rng, ["range", "axis", "type", "ref"]): urdf.number(rng)})
+        ElementTree.SubElement(inner, "joint", {pick(rng, ["range", "axis", "type", "ref"]): write_number(rng)})
     elif kind == 2:
-        one.set(
-            pick(
-                rng,
-                [
-                    "class",
-                    "childclass",
-                    "type",
-                    "quat",
-                    "euler",
-                    "axisangle",
-                    "fromto",
-                    "size",
-                    "mesh",
-                    "file",
-                    "meshdir",
-                    "polycoef",
-                    "range",
-                    "mass",
-                ],
-            ),
-            pick(
-                rng,
-                [
-                    *urdf.NUMBERS,
-                    *urdf.NAMES,
-                    "pad",
-                    "soft",
-                    "hinge",
-                    "ball",
-                    "free",
-                    "0 0 0 0",
-                    "1 0 0 0",
-                    "1 1",
-                    "../",
-                    "/",
-                ],
-            ),
-        )
+        values = ["pad", "soft", "hinge", "ball", "free", "0 0 0 0", "1 0 0 0", "1 1", "../", "/"]
+        one.set(pick(rng, ATTRIBUTES), pick(rng, [*NUMBER_TEXTS, *NAMES, *values]))
     elif kind == 3:
-        inner = pick(rng, [element for element in elements if element.tag in ("body", "worldbody")] or elements)
+        inner = pick_among("body", "worldbody")
         for _ in range(pick(rng, [3, 90, 150])):
             inner = ElementTree.SubElement(inner, "body", {"pos": "0 0 0.01"})
             ElementTree.SubElement(inner, "joint", {"range": "0 1"})
@@ -328,18 +230,17 @@ def _mutate(rng, root) -> None:
         equality = ElementTree.SubElement(root, "equality")
         joints = [element.get("name", "") for element in elements if element.tag == "joint"] or [""]
         for _ in range(pick(rng, [1, 3, 300])):
-            ElementTree.SubElement(
-                equality,
-                "joint",
-                {
-                    "joint1": pick(rng, joints),
-                    "joint2": pick(rng, joints),
-                    "polycoef": f"{urdf.number(rng)} {urdf.number(rng)}",
-                },
-            )
-    else:
+            ends = {"joint1": pick(rng, joints), "joint2": pick(rng, joints)}
+            ElementTree.SubElement(equality, "joint", ends, polycoef=f"{write_number(rng)} {write_number(rng)}")
+    elif kind == 5:
         compiler = root.find("compiler")
-        (root if compiler is None else compiler).set(
-            pick(rng, ["angle", "meshdir", "assetdir", "strippath", "eulerseq", "autolimits", "inertiagrouprange"]),
-            pick(rng, [*urdf.NAMES, "sub", "..", "true", "xYz", "0 1", "1e308 nan"]),
-        )
+        keys = ["angle", "meshdir", "assetdir", "strippath", "eulerseq", "autolimits", "inertiagrouprange"]
+        values = [*NAMES, "sub", "..", "true", "xYz", "0 1", "1e308 nan"]
+        (root if compiler is None else compiler).set(pick(rng, keys), pick(rng, values))
+    elif kind == 6:
+        pick_among("body", "worldbody").append(_fill_in(rng, MACROS))
+    else:
+        place, texts = pick(rng, list(SECTIONS.items()))
+        section = root.find(place)
+        section = ElementTree.SubElement(root, place) if section is None else section
+        section.append(_fill_in(rng, texts))

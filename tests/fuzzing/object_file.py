@@ -4,63 +4,20 @@ by one line of text, and by a command.
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
 
-from fuzzing import command_line, mesh, urdf
-from fuzzing.harness import SECRET
-from fuzzing.urdf import pick
+from fuzzing import command_line, mesh
+from fuzzing.harness import SECRET, import_public_names
+from fuzzing.material import encode_xml, mutate_tree, pick, translate, write_number, write_tree
 
 TIME_LIMIT = 10.0
-PLACES = [
-    "{}",
-    "./{}",
-    "parts/{}",
-    "../case/{}",
-    "package://thing/{}",
-    "model://thing/{}",
-    "file://{}",
-    "../parts/../{}",
-    "{}#x",
-    "package://../../{}",
-    "parts/linked.stl",
-    "secret.stl",
-    "pipe.stl",
-    "folder.stl",
-    "loop.stl",
-    "link.stl",
-]
-TAGS = [
-    "robot",
-    "sdf",
-    "model",
-    "world",
-    "link",
-    "joint",
-    "include",
-    "inertial",
-    "mass",
-    "inertia",
-    "origin",
-    "pose",
-    "collision",
-    "geometry",
-    "box",
-    "sphere",
-    "cylinder",
-    "capsule",
-    "ellipsoid",
-    "mesh",
-    "submesh",
-    "uri",
-    "scale",
-    "size",
-    "radii",
-    "plane",
-]
+TAGS = """
+    robot sdf model world link joint include inertial mass inertia origin pose collision geometry box sphere cylinder
+    capsule ellipsoid mesh submesh uri scale size radii plane
+""".split()
 # What includes and references should not make anybody read.
 _INCLUDES = [
     f"<include><uri>{SECRET}</uri></include>",
@@ -76,40 +33,38 @@ _INCLUDES = [
 
 
 def make(rng: np.random.Generator, folder: Path) -> dict:
-    _write_meshes(rng, folder)
+    _write_package(rng, folder)
     kind = pick(rng, ["urdf", "sdf"])
     root = ElementTree.fromstring(_urdf(rng) if kind == "urdf" else _sdf(rng))
     for _ in range(pick(rng, [0, 0, 1, 1, 1, 2, 4])):
         if rng.random() < 0.3:
             _mutate(rng, root)
         else:
-            urdf.mutate(rng, root, TAGS)
-    text = urdf.nested(rng, ElementTree.tostring(root, encoding="unicode"))
+            mutate_tree(rng, root, TAGS)
+    text = write_tree(rng, root)
     if rng.random() < 0.08:
         text = text.replace("</", pick(rng, _INCLUDES) + "</", 1)
     name = "thing." + pick(rng, [kind] * 8 + ["xml", "stl", "URDF", ""])
-    (folder / name).write_bytes(urdf.damaged(rng, urdf.encoded(rng, urdf.with_bombs(rng, text)), 0.1))
+    (folder / name).write_bytes(encode_xml(rng, text, 0.1))
     package = pick(rng, [{"thing": "parts"}] * 6 + [{"thing": "gone"}, {"thing": SECRET}, {"": "."}, {"thing": "/"}])
     return {
         "use": pick(rng, ["call", "call", "call", "spec", "spec", "command"]),
-        "path": pick(rng, [name] * 80 + ["pipe.stl", "folder.stl", "loop.stl", "gone.urdf", "link.stl", "", "nul\0"]),
+        "path": pick(rng, [name] * 80 + ["pipe.stl", "folder.stl", "loop.stl", "gone.urdf", "zero.stl", "", "nul\0"]),
         "weight": pick(
             rng, [*[{}, {}, {"mass": 0.3}, {"density": 500.0}] * 5, {"mass": float("nan")}, {"density": 1e300}]
         ),
         "hulls": bool(rng.random() < 0.4),
         "packages": package if rng.random() < 0.4 else None,
-        "pose": pick(rng, [*[None, np.eye(4)] * 10, np.full((4, 4), np.nan)]),
+        "pose": pick(rng, [*[None, translate(0, 0, 0)] * 10, translate(float("nan"), 0, 0)]),
     }
 
 
 def prepare() -> None:
     """Imports, and what the first call of a command compiles."""
-    import pinograsp
-    import pinograsp.objects.mjcf_object  # MuJoCo starts a process as it is imported, where its viewer is installed
+    import pinograsp.objects.mjcf_object  # noqa: F401 - MuJoCo starts a process as it is imported, where its viewer is
 
-    for name in pinograsp.__all__:
-        getattr(pinograsp, name)
-    command_line.captured(["close", "--hand", "panda", "--object", command_line.OBJECT, "--at", command_line.AT])
+    import_public_names()
+    command_line.capture(["close", *command_line.PLACED])
 
 
 def run(case: dict) -> str:
@@ -136,7 +91,7 @@ def run(case: dict) -> str:
 def run_command(text: str) -> str:
     """The hand closes on the object, or the command says why not."""
     line = ["close", "--hand", "panda", "--object", text, "--at", command_line.AT]
-    code, out, err = command_line.captured(line)
+    code, out, err = command_line.capture(line)
     assert code in command_line.EXIT_CODES and "Traceback" not in err, f"exit code {code}: {err[-3000:]}"
     assert not code or err or out, f"exit code {code} without a word"
     return f"command, exit {code}"
@@ -149,11 +104,8 @@ def _shape(rng, kind: str) -> tuple[str, dict[str, str]]:
     """A shape's name and sizes, most of them sound."""
     name = pick(rng, ["box", "sphere", "cylinder", "capsule", "mesh", "mesh", "mesh"])
     if name == "mesh":
-        where = "{}" if rng.random() < 0.6 else pick(rng, PLACES)
-        if rng.random() < 0.1:
-            where = pick(rng, mesh.REFERENCES).replace("{", "").replace("}", "").replace("\u2400", "")
-        file = where.format(pick(rng, [f"p{i}.{ending}" for i, ending in enumerate(mesh.FORMATS)]))
-        scale = pick(rng, ["1 1 1", "1 1 1", "0.5 1 -1", "0.001 0.001 0.001", f"{urdf.number(rng)} 1 1", ""])
+        file = mesh.name_file(rng, [f"box.{kind}" for kind in mesh.FORMATS])
+        scale = pick(rng, ["1 1 1", "1 1 1", "0.5 1 -1", "0.001 0.001 0.001", f"{write_number(rng)} 1 1", ""])
         return name, {"filename" if kind == "urdf" else "uri": file, **({"scale": scale} if scale else {})}
     sizes = {"box": ["size"], "sphere": ["radius"]}.get(name, ["radius", "length"])
     return name, {key: "0.02 0.03 0.04" if key == "size" else f"{rng.uniform(0.005, 0.05):.4f}" for key in sizes}
@@ -166,7 +118,7 @@ def _place(rng) -> list[str]:
 def _inertia(rng) -> dict[str, str]:
     moments = {"ixx": "2e-4", "iyy": "2.5e-4", "izz": "3e-4", "ixy": "1e-6", "ixz": "0", "iyz": "0"}
     if rng.random() < 0.3:
-        moments[pick(rng, list(moments))] = urdf.number(rng)
+        moments[pick(rng, list(moments))] = write_number(rng)
     return moments
 
 
@@ -176,7 +128,7 @@ def _urdf(rng) -> str:
         name, sizes = _shape(rng, "urdf")
         place, given = _place(rng), " ".join(f'{key}="{value}"' for key, value in sizes.items())
         origin = f'<origin xyz="{" ".join(place[:3])}" rpy="{" ".join(place[3:])}"/>' if rng.random() < 0.5 else ""
-        parts.append(f"<collision>{origin}<geometry><{name} {given}/></geometry></collision>".replace("&", ""))
+        parts.append(f"<collision>{origin}<geometry><{name} {given}/></geometry></collision>")
     moments = " ".join(f'{key}="{value}"' for key, value in _inertia(rng).items())
     weight = f'<inertial><origin xyz="0 0 0.001"/><mass value="0.3"/><inertia {moments}/></inertial>'
     frame = '<link name="tip"/><joint name="j" type="fixed"><parent link="a"/><child link="tip"/></joint>'
@@ -194,7 +146,7 @@ def _sdf(rng) -> str:
         if rng.random() < 0.15:
             name, sizes = "ellipsoid", {"radii": "0.02 0.03 0.04"}
         pose = f"<pose>{' '.join(_place(rng))}</pose>" if rng.random() < 0.5 else ""
-        shape = f"<{name}>{elements(sizes)}</{name}>".replace("&", "")
+        shape = f"<{name}>{elements(sizes)}</{name}>"
         parts.append(f'<collision name="c{i}">{pose}<geometry>{shape}</geometry></collision>')
     weight = f"<inertial><mass>0.3</mass><inertia>{elements(_inertia(rng))}</inertia></inertial>"
     link = (weight if rng.random() < 0.8 else "") + "".join(parts)
@@ -211,7 +163,7 @@ def _mutate(rng, root) -> None:
     if kind == 0 and texts:
         element = pick(rng, texts)
         words = element.text.split()
-        words[int(rng.integers(len(words)))] = pick(rng, [urdf.number(rng), pick(rng, mesh.REFERENCES).strip("\u2400")])
+        words[int(rng.integers(len(words)))] = pick(rng, [write_number(rng), pick(rng, mesh.REFERENCES)])
         element.text = " ".join(words)
     elif kind == 1:
         links = [element for element in elements if element.tag == "link"] or [root]
@@ -230,25 +182,17 @@ def _mutate(rng, root) -> None:
         one[-1].text = pick(rng, ["0 0 0 0 0 0", "1 2 3", "nan 0 0 0 0 0", "", "0 0 0 0 0 0 1"])
     else:
         named = [element for element in elements if element.tag in ("mesh", "uri")] or [one]
-        element, name = pick(rng, named), pick(rng, mesh.REFERENCES).strip("\u2400")
+        element, name = pick(rng, named), pick(rng, mesh.REFERENCES)
         element.text = name
         element.set("filename", name)
 
 
-def _write_meshes(rng, folder: Path) -> None:
-    """Meshes of every format beside the file and in a package below it, half of them hostile; what is none."""
+def _write_package(rng, folder: Path) -> None:
+    """Meshes beside the file and in a package below it."""
     parts = folder / "parts"
     parts.mkdir()
     (parts / "package.xml").write_text(pick(rng, ["<package><name>thing</name></package>", "<package", ""]))
-    for i, kind in enumerate(mesh.FORMATS):
-        shape = pick(rng, ["box", "ball", "two"])
-        sound = rng.random() < 0.5
-        content = mesh.exported(shape, kind) if sound else mesh.hostile_mesh(rng, kind)
-        (folder / f"p{i}.{kind}").write_bytes(content)
-        (parts / f"p{i}.{kind}").write_bytes(content)
-    os.mkfifo(folder / "pipe.stl")
-    (folder / "folder.stl").mkdir()
-    (folder / "loop.stl").symlink_to("loop.stl")
-    (folder / "link.stl").symlink_to("/dev/zero")
-    (folder / "secret.stl").symlink_to(SECRET)
-    (parts / "linked.stl").symlink_to(pick(rng, ["../" + SECRET, "/etc/hostname", "p0.stl"]))
+    mesh.write_meshes(rng, folder)
+    for path in folder.glob("box.*"):
+        (parts / path.name).write_bytes(path.read_bytes())
+    (parts / "linked.stl").symlink_to(pick(rng, ["../" + SECRET, "/etc/hostname", "box.stl"]))

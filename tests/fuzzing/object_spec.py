@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzzing import mesh, object_file, path_file
-from fuzzing.case_file import pick
+from fuzzing import mesh, object_file
+from fuzzing.material import NAMES, NUMBER_TEXTS, pick, write_odd_files
 
 TIME_LIMIT = 10.0
 prepare = object_file.prepare
@@ -28,62 +28,28 @@ SPECS = [
 ]
 FIELDS = ["radius", "height", "length", "size", "semi_axes", "path", "scale", "convex", "hulls", "body", "package"]
 TEXTS = [
-    *path_file.NUMBERS,
-    *(
-        "0.03",
-        "30",
-        "1e-12",
-        "1e12",
-        "0.02x0.03",
-        "0.02x0.03x0.04",
-        "x",
-        "0.02X0.03X0.04",
-        "1e308x1e308x1e308",
-        "nanx1x1",
-    ),
-    *(
-        "-0.03",
-        "0x0x0",
-        "true",
-        "TRUE",
-        "false",
-        "p.stl",
-        "p.obj",
-        "pipe.stl",
-        "zero.stl",
-        "gone.stl",
-        "parts",
-        "parts/*",
-    ),
-    *(
-        "**/*",
-        "[",
-        "~nobody/x",
-        ".",
-        "a/" * 3000,
-        "a" * 300,
-        "thing=parts",
-        "=",
-        "a=b=c",
-    ),
-    *("thing.urdf", "p.stl,mass=2", "\x1b[2J", "ä☃", "$(touch ran)", "\udcff"),
+    *(*NUMBER_TEXTS, *NAMES, "\x1b[2J", "\udcff"),
+    *"""
+    0.03 30 1e-12 1e12 0.02x0.03 0.02x0.03x0.04 0.02X0.03X0.04 1e308x1e308x1e308 nanx1x1 -0.03 0x0x0 true TRUE false
+    p.stl p.obj pipe.stl zero.stl folder.stl loop.stl gone.stl parts parts/* **/* thing=parts = a=b=c thing.urdf
+    p.stl,mass=2
+    """.split(),
 ]
 
 
 def make(rng: np.random.Generator, folder: Path) -> dict:
     for name in ("p.stl", "p.obj"):
-        (folder / name).write_bytes(mesh.exported(pick(rng, ["box", "ball", "two"]), name[-3:]))
+        (folder / name).write_bytes(mesh.export_mesh(pick(rng, ["box", "ball", "two"]), name[-3:]))
     (folder / "parts").mkdir()
     for i in range(int(rng.integers(3))):
-        (folder / "parts" / f"{i}.stl").write_bytes(mesh.exported("box", "stl"))
+        (folder / "parts" / f"{i}.stl").write_bytes(mesh.export_mesh("box", "stl"))
     geometry = "<geometry><box size='0.02 0.03 0.04'/></geometry>"
     link = f"<link name='a'><inertial><mass value='0.3'/></inertial><collision>{geometry}</collision></link>"
     (folder / "thing.urdf").write_text(f"<robot name='thing'>{link}</robot>")
-    path_file.not_regular(rng, folder, ".stl")
-    (folder / "zero.stl").symlink_to("/dev/zero")
+    write_odd_files(folder, ".stl")
     text = pick(rng, SPECS)
     for _ in range(int(rng.choice([0, 1, 1, 1, 2, 4]))):
-        text = _mutated(rng, text)
+        text = _mutate(rng, text)
     return {"text": text, "use": pick(rng, ["call"] * 7 + ["command"])}
 
 
@@ -100,7 +66,7 @@ def run(case: dict) -> str:
         assert not Path("ran").exists(), "a command ran"
 
 
-def _mutated(rng: np.random.Generator, text: str) -> str:
+def _mutate(rng: np.random.Generator, text: str) -> str:
     """Another value, name, shape, order, or character."""
     shape, _, rest = text.partition(":")
     parts, how = rest.split(","), rng.random()

@@ -4,41 +4,20 @@ for an arm that holds a box.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
+import own_hands
 
-from fuzzing.case_file import pick
-from fuzzing.harness import SECRET
+from fuzzing.harness import import_public_names
+from fuzzing.material import NAMES, NUMBER_TEXTS, UNWRITABLE, pick, translate, write_odd_file
 
 TIME_LIMIT = 10.0
 JOINTS = ["turn", "tilt"]
 WORDS = [
-    *("", " ", "time", "Time", "turn", "tilt", "turm", "left", "robot1/turn", "turn/position", "tilt/velocity"),
-    *("'=1+1", '"a\nb"', '"', "\0", "ä☃\u202e", "\ud800", "\x1b[2J", "a" * 300, "#", "time,time", "nan", ","),
-]
-NUMBERS = [
-    *("0", "-0.0", "1", "-1", "0.5", "3.6", "-7", "1e-9", "1e-300", "5e-324", "1e6", "1e30", "1e154", "1e200", "1e308"),
-    *(
-        "-1e308",
-        "1e400",
-        "nan",
-        "inf",
-        "-inf",
-        "",
-        " ",
-        "x",
-        "1_0",
-        "0x10",
-        "1,5",
-        "1;5",
-        '"1"',
-        "1" * 400,
-        "1e",
-        "--1",
-    ),
-    *("True", "None", "[1]", "1+1j", "\0", "٣", "1\t"),
+    *NAMES,
+    *UNWRITABLE,
+    *"time Time turn tilt turm left robot1/turn turn/position tilt/velocity time,time".split(),
 ]
 _HELD: list = []
 
@@ -49,38 +28,24 @@ def prepare() -> None:
 
     import pinograsp as pg
 
-    for name in pg.__all__:
-        getattr(pg, name)
-
-    def link(name: str, mass: float, xyz: str, size: str) -> str:
-        inertia = '<inertia ixx="2e-5" iyy="2e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/>'
-        shape = f'<collision><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></collision>'
-        return f'<link name="{name}"><inertial><mass value="{mass}"/>{inertia}</inertial>{shape}</link>'
-
-    def joint(name: str, kind: str, parent: str, child: str, axis: str, rest: str) -> str:
-        ends = f'<parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>'
-        return f'<joint name="{name}" type="{kind}">{ends}{rest}</joint>'
-
-    jaw = '<limit lower="0" upper="0.04" effort="40" velocity="0.2"/>'
-    text = "".join(
-        [
-            '<robot name="arm"><link name="base"/>',
-            link("post", 0.4, "0 0 -0.2", "0.05 0.05 0.1"),
-            link("body", 0.4, "0 0 -0.02", "0.06 0.1 0.04"),
-            link("left", 0.05, "0 0.004 0.06", "0.016 0.008 0.04"),
-            link("right", 0.05, "0 -0.004 0.06", "0.016 0.008 0.04"),
-            joint("turn", "continuous", "base", "post", "0 0 1", '<limit effort="100" velocity="2"/>'),
-            joint("tilt", "revolute", "post", "body", "0 1 0", jaw.replace("0.04", "1.5").replace('"0"', '"-1.5"')),
-            joint("l", "prismatic", "body", "left", "0 1 0", jaw),
-            joint("r", "prismatic", "body", "right", "0 -1 0", jaw + '<mimic joint="l"/>'),
-            "</robot>",
-        ]
+    import_public_names()
+    jaw = "0 0.04 40 0.2"
+    text = own_hands.robot(
+        "arm",
+        own_hands.link("base"),
+        own_hands.link("post", 0.4, "box 0.05 0.05 0.1", "0 0 -0.2"),
+        own_hands.link("body", 0.4, "box 0.06 0.1 0.04", "0 0 -0.02"),
+        own_hands.link("left", 0.05, "box 0.016 0.008 0.04", "0 0.004 0.06"),
+        own_hands.link("right", 0.05, "box 0.016 0.008 0.04", "0 -0.004 0.06"),
+        own_hands.joint("turn", "base", "post", "0 0 0", "0 0 1", "-100 100 100 2", kind="continuous"),
+        own_hands.joint("tilt", "post", "body", "0 0 0", "0 1 0", "-1.5 1.5 40 0.2"),
+        own_hands.joint("l", "body", "left", "0 0 0", "0 1 0", jaw, kind="prismatic"),
+        own_hands.joint("r", "body", "right", "0 0 0", "0 -1 0", jaw, kind="prismatic", mimic="l 1 0"),
     )
     path = Path(tempfile.mkdtemp(prefix="fuzzing-arm-")) / "arm.urdf"
     path.write_text(text)
-    arm, at = pg.load_hand(path), np.eye(4)
-    at[2, 3] = 0.06
-    box = pg.Box(size=(0.03, 0.03, 0.06), mass=0.2).placed(at)
+    arm = pg.load_hand(path)
+    box = pg.Box(size=(0.03, 0.03, 0.06), mass=0.2).placed(translate(0, 0, 0.06))
     conditions = pg.GraspConditions(mu=0.6, reserve=None)
     _HELD[:] = [arm, pg.plan_grasp_on(arm, box, conditions, progress=False)]
 
@@ -88,7 +53,7 @@ def prepare() -> None:
 def make(rng: np.random.Generator, folder: Path) -> dict:
     name = "way" + pick(rng, [".csv"] * 30 + [".CSV", ".txt", "", ".json", ".yaml"])
     if rng.random() < 0.08:
-        name = not_regular(rng, folder, ".csv")
+        name = write_odd_file(rng, folder, ".csv")
     else:
         (folder / name).write_bytes(_hostile(rng) if rng.random() < 0.2 else _table(rng))
     return {
@@ -105,10 +70,10 @@ def run(case: dict) -> str:
 
     if case["reader"] == "csv":
         return f"a trajectory of {min(len(read_csv(case['path']).times), 9)} samples"
-    return planned(ArmPath.read(case["path"]), case["timing"])
+    return plan_path(ArmPath.read(case["path"]), case["timing"])
 
 
-def planned(path, timing: str) -> str:
+def plan_path(path, timing: str) -> str:
     """The path is a smooth one of finite numbers, and so is its plan."""
     from pinograsp.carry import plan_carry
 
@@ -119,23 +84,6 @@ def planned(path, timing: str) -> str:
     for name in ("times", "loads", "torques", "squeeze", "q"):
         assert np.isfinite(getattr(plan, name)).all(), f"{name} of the plan are not finite"
     return "planned"
-
-
-def not_regular(rng: np.random.Generator, folder: Path, suffix: str) -> str:
-    """What is no regular file: pipes, devices, folders, links."""
-    name = f"odd{suffix}"
-    kind = pick(rng, ["pipe", "zero", "folder", "loop", "gone", "secret", "sparse", "tty"])
-    if kind == "pipe":
-        os.mkfifo(folder / name)
-    elif kind == "folder":
-        (folder / name).mkdir()
-    elif kind == "sparse":
-        (folder / name).touch()
-        os.truncate(folder / name, 2**36)
-    elif kind != "gone":
-        target = {"zero": "/dev/zero", "loop": name, "secret": "nothing/" + SECRET, "tty": "/dev/tty"}[kind]
-        (folder / name).symlink_to(target)
-    return name
 
 
 # -- the files ---------------------------------------------------------------------------------------------------------
@@ -161,10 +109,10 @@ def _table(rng: np.random.Generator) -> bytes:
         line = cells[int(rng.integers(len(cells)))]
         how, at = rng.random(), int(rng.integers(len(line) + 1))
         if how < 0.6 and line:
-            number = [*NUMBERS, *([repr(float(rng.normal()))] * 12)]
+            number = [*NUMBER_TEXTS, '"1"', *([repr(float(rng.normal()))] * 12)]
             line[at % len(line)] = pick(rng, WORDS if line is header else number)
         elif how < 0.7:
-            line.insert(at, pick(rng, NUMBERS))
+            line.insert(at, pick(rng, NUMBER_TEXTS))
         elif how < 0.8 and line:
             del line[at % len(line)]
         elif how < 0.9:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fuzzing import case_file
-from fuzzing.case_file import pick
+from fuzzing.material import damage, dump_yaml, mutate_values, pick
 
 SWEEPS = [
     {
@@ -51,46 +51,28 @@ SWEEPS = [
 ]
 VALUES = [
     *case_file.VALUES,
-    "case.yaml",
-    "paper",
-    "panda",
-    "sphere:radius=0.03,mass=0.2",
-    "mesh:path=x.stl,mass=1",
-    "plan",
-    "forces",
-    {"from": 0, "to": 1, "steps": 2},
-    {"from": -1e308, "to": 1e308, "steps": 3},
-    {"from": 0, "to": 1, "steps": 10**7},
-    {"from": 1e-320, "to": 1, "steps": 3, "spacing": "log"},
-    {"uniform": [0, 1]},
-    {"uniform": [-1e308, 1e308]},
-    {"normal": [0, 1e308]},
-    {"log_uniform": [1e-300, 1]},
-    {"choice": [1, "a", None, [1], {"b": 2}]},
-    {"choice": []},
-    {"uniform": [1, 0]},
-    {"uniform": [0, 1], "choice": [1]},
-    [0.1] * 5,
-    list(range(400)),
-    ["a", 1, None],
-    {"impact_time": 0.9},
-    {"count": 10**7, "object.mass": {"uniform": [0, 1]}},
-    {"count": 0},
+    *("case.yaml", "paper", "panda", "sphere:radius=0.03,mass=0.2", "mesh:path=x.stl,mass=1", "plan", "forces"),
+    *(
+        {"from": 0, "to": 1, "steps": 2},
+        {"from": -1e308, "to": 1e308, "steps": 3},
+        {"from": 0, "to": 1, "steps": 10**7},
+    ),
+    *({"from": 1e-320, "to": 1, "steps": 3, "spacing": "log"}, {"log_uniform": [1e-300, 1]}, {"normal": [0, 1e308]}),
+    *({"uniform": [0, 1]}, {"uniform": [-1e308, 1e308]}, {"uniform": [1, 0]}, {"uniform": [0, 1], "choice": [1]}),
+    *({"choice": [1, "a", None, [1], {"b": 2}]}, {"choice": []}, [0.1] * 5, list(range(400)), ["a", 1, None]),
+    *({"impact_time": 0.9}, {"count": 10**7, "object.mass": {"uniform": [0, 1]}}, {"count": 0}),
     {"friction.mu": [0.1], "object.mass": [1]},
 ]
 MOST = 24  # rows of those that are run
 
 
 def make(rng: np.random.Generator, folder: Path):
-    case = case_file.mutated(rng, case_file.CONVEX, case_file.VALUES) if rng.random() < 0.2 else case_file.CONVEX
-    (folder / "case.yaml").write_bytes(case_file.text_of(case))
-    how = rng.random()
-    if how < 0.06:
-        content = case_file.hostile(rng)
+    case = mutate_values(rng, case_file.CONVEX, case_file.VALUES) if rng.random() < 0.2 else case_file.CONVEX
+    (folder / "case.yaml").write_bytes(dump_yaml(case))
+    if rng.random() < 0.06:
+        content = case_file.make_hostile(rng)
     else:
-        content = case_file.text_of(case_file.mutated(rng, pick(rng, SWEEPS), VALUES))
-        if rng.random() < 0.15:
-            content = case_file.damaged(rng, content)
+        content = damage(rng, dump_yaml(mutate_values(rng, pick(rng, SWEEPS), VALUES)), 0.15, case_file.PIECES)
     (folder / "sweep.yaml").write_bytes(content)
     return {"jobs": int(pick(rng, [1] * 20 + [0, -5, 10**9])), "again": bool(rng.random() < 0.2)}
 

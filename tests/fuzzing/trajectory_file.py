@@ -11,27 +11,15 @@ import numpy as np
 import yaml
 
 from fuzzing import case_file, path_file
-from fuzzing.case_file import pick
+from fuzzing.material import damage, mutate_values, pick, write_odd_file
 
 TIME_LIMIT = 10.0
 prepare = path_file.prepare
 VALUES = [
     *case_file.VALUES,
-    "...",
-    ["..."],
-    [0.1, 0.2],
-    {"sec": 1, "nanosec": 5},
-    {"secs": 1},
-    {"sec": 10**30, "nanosec": -1},
-    {"transforms": []},
-    {"joint_names": ["turn"], "points": []},
-    ["turn", "tilt"],
-    ["robot1/turn"],
-    [["turn"]],
-    [True],
-    [1, 2],
-    [0] * 3000,
-    [None] * 3,
+    *("...", ["..."], [0.1, 0.2], {"sec": 1, "nanosec": 5}, {"secs": 1}, {"sec": 10**30, "nanosec": -1}),
+    *({"transforms": []}, {"joint_names": ["turn"], "points": []}, ["turn", "tilt"], ["robot1/turn"], [["turn"]]),
+    *([True], [1, 2], [0] * 3000, [None] * 3),
 ]
 
 
@@ -39,17 +27,15 @@ def make(rng: np.random.Generator, folder: Path) -> dict:
     name = "way" + pick(rng, [".json"] * 12 + [".yaml"] * 12 + [".yml", ".YAML", ".csv", ""])
     how = rng.random()
     if how < 0.06:
-        name = path_file.not_regular(rng, folder, pick(rng, [".json", ".yaml"]))
+        name = write_odd_file(rng, folder, pick(rng, [".json", ".yaml"]))
     else:
         if how < 0.2:
             content = _hostile(rng)
         else:
             documents = [_message(rng) for _ in range(pick(rng, [1] * 12 + [2, 3, 0]))]
             if rng.random() < 0.75:
-                documents = [case_file.mutated(rng, one, VALUES) for one in documents]
-            content = _written(rng, documents, name)
-            if rng.random() < 0.2:
-                content = case_file.damaged(rng, content)
+                documents = [mutate_values(rng, one, VALUES) for one in documents]
+            content = damage(rng, _write(rng, documents, name), 0.2, case_file.PIECES)
         (folder / name).write_bytes(content)
     return {
         "path": name,
@@ -64,7 +50,7 @@ def run(case: dict) -> str:
     from pinograsp.handover import read_ros2
 
     if case["reader"] == "path":
-        return path_file.planned(ArmPath.read(case["path"]), case["timing"])
+        return path_file.plan_path(ArmPath.read(case["path"]), case["timing"])
     read = read_ros2(case["path"])
     read.to_ros2("again.json")
     again = read_ros2("again.json")
@@ -113,7 +99,7 @@ def _message(rng: np.random.Generator) -> dict:
     )
 
 
-def _written(rng: np.random.Generator, documents: list, name: str) -> bytes:
+def _write(rng: np.random.Generator, documents: list, name: str) -> bytes:
     if name.endswith(".json"):
         text = "\n".join(json.dumps(one, ensure_ascii=bool(rng.random() < 0.5)) for one in documents)
         return text.encode("utf-8", "surrogatepass")
@@ -138,7 +124,7 @@ def _hostile(rng: np.random.Generator) -> bytes:
     return pick(
         rng,
         [
-            case_file.hostile(rng),
+            case_file.make_hostile(rng),
             merge,
             laughs + b"joint_names: [x]\npoints:\n  - {positions: *j, time_from_start: {sec: 0, nanosec: 0}}\n",
             b"[" * many,
