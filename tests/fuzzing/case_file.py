@@ -100,34 +100,10 @@ VALUES = [
 ]
 # What means something to YAML.
 PIECES = [
-    *(
-        b"\0",
-        b"\xff",
-        b"\xef\xbb\xbf",
-        b"\t",
-        b"\r",
-        b"&a ",
-        b"*a",
-        b"- ",
-        b": ",
-        b"{",
-        b"[",
-        b"<<: ",
-        b"? ",
-        b"|\n",
-        b"#",
-    ),
-    *(
-        b"!!python/object:os.system ",
-        b"!!binary ",
-        b"!!set {a, b}",
-        b"---\n",
-        b"...\n",
-        b"%YAML 9.9\n",
-        b"'",
-        b'"',
-        b"~",
-    ),
+    *(b"\0", b"\xff", b"\xef\xbb\xbf", b"\t", b"\r", b"&a ", b"*a", b"- ", b": ", b"{", b"[", b"<<: ", b"? ", b"|\n"),
+    b"#",
+    *(b"!!python/object:os.system ", b"!!binary ", b"!!set {a, b}", b"---\n", b"...\n", b"%YAML 9.9\n", b"'", b'"'),
+    b"~",
     *(b"2001-99-99", b"0x", b"1_000", b"1e999"),
 ]
 
@@ -168,7 +144,7 @@ def make(rng: np.random.Generator, folder: Path):
 def run(case) -> str:
     import pinograsp as pg
 
-    loaded = pg.load_case("case.yaml", case)
+    loaded = pg.load_case("case.yaml", texts=case)
     hand = loaded.load_hand()
     loaded.make_problem(hand)
     loaded.make_grid()

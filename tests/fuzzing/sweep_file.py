@@ -52,11 +52,8 @@ SWEEPS = [
 VALUES = [
     *case_file.VALUES,
     *("case.yaml", "paper", "panda", "sphere:radius=0.03,mass=0.2", "mesh:path=x.stl,mass=1", "plan", "forces"),
-    *(
-        {"from": 0, "to": 1, "steps": 2},
-        {"from": -1e308, "to": 1e308, "steps": 3},
-        {"from": 0, "to": 1, "steps": 10**7},
-    ),
+    *({"from": 0, "to": 1, "steps": 2}, {"from": -1e308, "to": 1e308, "steps": 3}),
+    {"from": 0, "to": 1, "steps": 10**7},
     *({"from": 1e-320, "to": 1, "steps": 3, "spacing": "log"}, {"log_uniform": [1e-300, 1]}, {"normal": [0, 1e308]}),
     *({"uniform": [0, 1]}, {"uniform": [-1e308, 1e308]}, {"uniform": [1, 0]}, {"uniform": [0, 1], "choice": [1]}),
     *({"choice": [1, "a", None, [1], {"b": 2}]}, {"choice": []}, [0.1] * 5, list(range(400)), ["a", 1, None]),
