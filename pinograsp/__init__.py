@@ -5,7 +5,7 @@ loaded on first use, so that ``import pinograsp`` stays quick.
 """
 
 import ast
-import importlib
+import importlib.util
 from pathlib import Path
 
 
@@ -32,19 +32,14 @@ def __getattr__(name: str) -> object:
         module = importlib.import_module(_MODULES[name])
         return globals().setdefault(name, getattr(module, name, module))
     if not name.startswith("_"):
-        if name in (rooms := _rooms()):
+        if importlib.util.find_spec(f"{__name__}.{name}") is not None:
             return importlib.import_module(f"{__name__}.{name}")
         from difflib import get_close_matches
+        from pkgutil import iter_modules
 
-        if near := get_close_matches(name, [*__all__, *rooms], n=1):
+        if near := get_close_matches(name, [*__all__, *(room.name for room in iter_modules(__path__))], n=1):
             raise AttributeError(f"module '{__name__}' has no attribute '{name}': did you mean '{near[0]}'?")
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-
-
-def _rooms() -> list[str]:
-    from pkgutil import iter_modules
-
-    return [module.name for module in iter_modules(__path__)]
 
 
 def _version() -> str:

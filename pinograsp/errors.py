@@ -292,7 +292,7 @@ _MEANINGS = {
     Status.INTERRUPTED: _Meaning(
         130,
         "Ctrl-C; nothing is half-written",
-        "The search was stopped: run it again to the end for the optimum.",
+        "It was stopped before its end: run it again, to the end.",
         _INCOMPLETE,
         errors=(SearchInterrupted, KeyboardInterrupt),
     ),

@@ -25,7 +25,7 @@ except KeyboardInterrupt:
     sys.stderr.write("pinograsp: interrupted\n")
     raise SystemExit(130) from None
 
-from pinograsp.errors import PinograspError, SearchFailed, Status, exit_code_of, status_of
+from pinograsp.errors import PinograspError, SearchFailed, Status, status_of
 from pinograsp.words import escaped
 
 __all__ = ["app", "main", "run"]
@@ -66,8 +66,8 @@ def run() -> int:
         if _is_cut_off(error):
             return _CUT_OFF
         code = _report(error, session)
-    again = "Run the same command again."
-    if code == 130 and not _print_json(session, Status.INTERRUPTED, "KeyboardInterrupt", "interrupted", again):
+    stopped = Status.INTERRUPTED
+    if code == 130 and not _print_json(session, stopped, "KeyboardInterrupt", "interrupted", stopped.remedy):
         _say("interrupted")
     return code
 
@@ -86,7 +86,8 @@ def _is_cut_off(error: BaseException) -> bool:
 
 def _report(error: BaseException, session: Session) -> int:
     """Print an error, with ``--json`` also as JSON, and return the exit code. Unexpected errors are raised again."""
-    name, status, code, remedy = type(error).__name__, status_of(error), exit_code_of(error), ""
+    name, status, remedy = type(error).__name__, status_of(error), ""
+    code = status.exit_code
     if isinstance(error, SystemExit):  # of the completion of shells
         raise error
     if _interrupted(error):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import shlex
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,90 +14,71 @@ from pinograsp import defaults
 from pinograsp.cli import completion
 from pinograsp.cli.options import ArmOptions, force_option, new_folder, out_option
 from pinograsp.cli.screen import command, show
-from pinograsp.cli.session import Session
+from pinograsp.cli.session import REQUIRED, Session, option
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
     from pinograsp.carry import CarryPlan, CarryScenario
     from pinograsp.plan import Simulation
-    from pinograsp.planner import GraspPlan
 
 _SHOWN, _REMARKS = 6, 3  # stretches of the way, cautions and notes on the first screen
 _SHIFTS = ("com_x", "com_y", "com_z")
 
-_way = functools.partial(typer.Option, rich_help_panel="The way")
-_limit = functools.partial(typer.Option, rich_help_panel="Limits of the motion")
-_bears = functools.partial(typer.Option, rich_help_panel="What is held, and how")
+_way = partial(option, "The way")
+_limit = partial(option, "Limits of the motion")
+_hold = partial(option, "What is held, and how")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WayOptions:
     """The arm's path, and its time."""
 
-    path: Annotated[
-        Path,
-        _way(
-            metavar="FILE",
-            help="The arm's way: .csv (a line of joints, then waypoints, with a column time or without), or .yaml, "
-            ".json (a trajectory as ROS and MoveIt print it).",
-        ),
-    ]
-    robot: Annotated[
-        str | None,
-        _way(
-            help="Arm and hand in one model: a file, or a hand of the catalogue, read by --root to --posture; default: "
-            "the grasp's own hand.",
-            autocompletion=completion.hands,
-        ),
-    ] = None
-    timing: Annotated[
-        str,
-        _way(help="fastest, or given: that of FILE.", autocompletion=completion.one_of(completion.TIMINGS)),
-    ] = "fastest"
-    intervals: Annotated[int, _way(help="Of the path, or of its time.")] = 500
-    rate: Annotated[float, _way(help="Of the trajectory's samples \\[Hz].")] = 1000.0
-    check: Annotated[bool, _way("--check", help="Simulate arm, hand and object on the whole way, too.")] = False
+    path: Path = _way(
+        "The arm's way: .csv (a line of joints, then waypoints, with a column time or without), or .yaml, .json (a "
+        "trajectory as ROS and MoveIt print it).",
+        default=REQUIRED,
+        metavar="FILE",
+    )
+    robot: str | None = _way(
+        "Arm and hand in one model: a file, or a hand of the catalogue, read by --root to --posture; default: the "
+        "grasp's own hand.",
+        complete=completion.hands,
+    )
+    timing: str = _way("fastest, or given: that of FILE.", default="fastest", choices=completion.TIMINGS)
+    intervals: int = _way("Of the path, or of its time.", default=500)
+    rate: float = _way("Of the trajectory's samples \\[Hz].", default=1000.0)
+    check: bool = _way("Simulate arm, hand and object on the whole way, too.", "--check", default=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionLimits:
     """Limits of the motion."""
 
-    speed: Annotated[float | None, _limit(help="Largest of each joint \\[rad/s or m/s]; default: the robot's own.")] = (
-        None
-    )
-    acceleration: Annotated[float | None, _limit(help="Largest of each joint \\[rad/s^2 or m/s^2].")] = None
-    jerk: Annotated[float | None, _limit(help="Largest of each joint \\[rad/s^3 or m/s^3].")] = None
-    ramp: Annotated[float | None, _limit(help="Time in which accelerations change, at least \\[s]; default: 0.05.")] = (
-        None
-    )
+    speed: float | None = _limit("Largest of each joint \\[rad/s or m/s]; default: the robot's own.")
+    acceleration: float | None = _limit("Largest of each joint \\[rad/s^2 or m/s^2].")
+    jerk: float | None = _limit("Largest of each joint \\[rad/s^3 or m/s^3].")
+    ramp: float | None = _limit("Time in which accelerations change, at least \\[s]; default: 0.05.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HoldOptions:
     """What is to be held against, and how the hand presses."""
 
-    squeeze: Annotated[
-        str,
-        _bears(
-            help="least: follows the loads; constant: commanded once; or a number: its largest change \\[N/s].",
-            autocompletion=completion.one_of(completion.SQUEEZES),
-        ),
-    ] = "least"
-    scenario: Annotated[
-        list[str] | None,
-        _bears(
-            metavar="NAME=VALUE,...",
-            help="What may be otherwise, as well: mass, mu (over the planned), com_x, com_y, com_z \\[m]; repeatable.",
-        ),
-    ] = None
-    reserve: Annotated[float, _bears(help="Share of every limit that is kept free.")] = 0.1
-    disturbance: Annotated[
-        float | None,
-        _bears(help="Force in any direction to bear as well \\[N]; default: what the grasp's plan bears."),
-    ] = None
-    gravity: Annotated[tuple[float, float, float], _bears(metavar="X Y Z", help="In the robot's world \\[m/s^2].")] = (
-        defaults.GRAVITY
+    squeeze: str = _hold(
+        "least: follows the loads; constant: commanded once; or a number: its largest change \\[N/s].",
+        default="least",
+        choices=completion.SQUEEZES,
+    )
+    scenario: list[str] | None = _hold(
+        "What may be otherwise, as well: mass, mu (over the planned), com_x, com_y, com_z \\[m]; repeatable.",
+        metavar="NAME=VALUE,...",
+    )
+    reserve: float = _hold("Share of every limit that is kept free.", default=0.1)
+    disturbance: float | None = _hold(
+        "Force in any direction to bear as well \\[N]; default: what the grasp's plan bears."
+    )
+    gravity: tuple[float, float, float] = _hold(
+        "In the robot's world \\[m/s^2].", default=defaults.GRAVITY, metavar="X Y Z"
     )
 
     def settings(self) -> dict[str, Any]:
@@ -106,14 +87,10 @@ class HoldOptions:
             squeeze: str | float = float(self.squeeze)
         except ValueError:
             squeeze = self.squeeze
-        bears = {} if self.disturbance is None else {"disturbance": self.disturbance}
-        return {
-            "squeeze": squeeze,
-            "scenarios": [_scenario(text) for text in self.scenario or []],
-            "reserve": self.reserve,
-            "gravity_o": self.gravity,
-            **bears,
-        }
+        settings = {"squeeze": squeeze, "scenarios": [_read_scenario(text) for text in self.scenario or []]}
+        if self.disturbance is not None:
+            settings["disturbance"] = self.disturbance
+        return {**settings, "reserve": self.reserve, "gravity_o": self.gravity}
 
 
 def carry(
@@ -121,9 +98,7 @@ def carry(
     grasp: Annotated[
         str,
         typer.Argument(
-            metavar="RUN_OR_CASE",
-            help="What is held: a run's folder, or a case.",
-            autocompletion=completion.held,
+            metavar="RUN_OR_CASE", help="What is held: a run's folder, or a case.", autocompletion=completion.graspable
         ),
     ],
     way: WayOptions,
@@ -147,9 +122,12 @@ def carry(
     more. What each answer means: docs/howto/answers.md
     """
     from pinograsp.carry import ArmPath, plan_carry, save_carry, simulate_carry
+    from pinograsp.cases import load_case
     from pinograsp.hands import load_hand
+    from pinograsp.planner import load_run
 
-    path, held = ArmPath.read(way.path), _load_grasp(grasp, session)
+    path = ArmPath.read(way.path)
+    held = load_run(grasp) if Path(grasp).is_dir() else load_case(grasp).plan(progress=session.progress)
     described = arm.settings()
     hand = held.hand if way.robot is None else load_hand(way.robot, **described)
     bounds = {name: value for name, value in asdict(limits).items() if value is not None}
@@ -218,15 +196,7 @@ def _print(plan: CarryPlan, simulation: Simulation | None, folder: Path, session
     show([*stretches, *remarks], answers, then, title=f"{plan.robot.name} carries it", level=level, more=session.more)
 
 
-def _load_grasp(text: str, session: Session) -> GraspPlan:
-    """The plan of a run's folder, or of a case."""
-    from pinograsp.cases import load_case
-    from pinograsp.planner import load_run
-
-    return load_run(text) if Path(text).is_dir() else load_case(text).plan(progress=session.progress)
-
-
-def _scenario(text: str) -> CarryScenario:
+def _read_scenario(text: str) -> CarryScenario:
     """``mass=1.2,mu=0.8,com_x=0.005`` as a scenario."""
     from pinograsp.carry import CarryScenario
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,8 +13,8 @@ import typer
 from pinograsp import defaults
 from pinograsp.cli import completion
 from pinograsp.cli.options import HandOptions, WorkerOptions, read_pairs
-from pinograsp.cli.screen import console, listed, show
-from pinograsp.cli.session import OUTPUT, Session
+from pinograsp.cli.screen import RIGHT, console, listed, print_table, show
+from pinograsp.cli.session import OUTPUT, REQUIRED, Session, option
 from pinograsp.errors import InvalidInput, Status
 
 if TYPE_CHECKING:
@@ -24,48 +24,34 @@ if TYPE_CHECKING:
 _SHOWN = 5  # faults
 _MEANT = "What the files mean is said by --convention, --frame, --joint or --original"
 
-_files = functools.partial(typer.Option, rich_help_panel="What the files mean")
-_condition = functools.partial(typer.Option, rich_help_panel="What a grasp must hold")
+_files = partial(option, "What the files mean")
+_condition = partial(option, "What a grasp must hold")
+_output = partial(option, OUTPUT)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FileOptions:
+class MeaningOptions:
     """What files of grasps do not say."""
 
-    hand: Annotated[
-        str,
-        _files(
-            help="The hand: a name of 'pinograsp hands', or a URDF, xacro or MJCF file.",
-            autocompletion=completion.hands,
-        ),
-    ]
-    objects: Annotated[
-        Path,
-        _files(metavar="DIR", help="Folder of the objects that the files name; or the file of the one object."),
-    ]
-    format: Annotated[
-        str,
-        _files(help="Of the files: auto, or a name that the documentation lists.", autocompletion=completion.formats),
-    ] = "auto"
-    convention: Annotated[
-        str | None,
-        _files(
-            help="What the files mean by their hand: a name that the documentation lists.",
-            autocompletion=completion.conventions,
-        ),
-    ] = None
-    frame: Annotated[
-        str | None, _files(metavar="LINK", help="Link of the hand whose frame the files tell the place of.")
-    ] = None
-    joints: Annotated[
-        list[str] | None,
-        _files("--joint", metavar="FILE'S=HAND'S", help="The hand's name of a joint; repeatable."),
-    ] = None
-    original: Annotated[
-        str | None, _files(metavar="FILE", help="The data set's own description of the hand, to compare with.")
-    ] = None
-    mass: Annotated[float | None, _files(help="Of each object \\[kg].")] = None
-    density: Annotated[float | None, _files(help="Of each object \\[kg/m^3], where --mass is not given.")] = None
+    hand: str = _files(
+        "The hand: a name of 'pinograsp hands', or a URDF, xacro or MJCF file.",
+        default=REQUIRED,
+        complete=completion.hands,
+    )
+    objects: Path = _files(
+        "Folder of the objects that the files name; or the file of the one object.", default=REQUIRED, metavar="DIR"
+    )
+    format: str = _files(
+        "Of the files: auto, or a name that the documentation lists.", default="auto", complete=completion.formats
+    )
+    convention: str | None = _files(
+        "What the files mean by their hand: a name that the documentation lists.", complete=completion.conventions
+    )
+    frame: str | None = _files("Link of the hand whose frame the files tell the place of.", metavar="LINK")
+    joints: list[str] | None = _files("The hand's name of a joint; repeatable.", "--joint", metavar="FILE'S=HAND'S")
+    original: str | None = _files("The data set's own description of the hand, to compare with.", metavar="FILE")
+    mass: float | None = _files("Of each object \\[kg].")
+    density: float | None = _files("Of each object \\[kg/m^3], where --mass is not given.")
 
     def read(self, files: list[Path], described: HandOptions) -> DataSet:
         """The files as a data set."""
@@ -94,18 +80,15 @@ class FileOptions:
 class ConditionOptions:
     """What a grasp must hold."""
 
-    mu: Annotated[float, _condition(help="Friction coefficient.")] = defaults.MU
-    tolerance: Annotated[float, _condition(help="Distance at which a link touches, outside or inside \\[m].")] = (
-        defaults.TOUCHES
+    mu: float = _condition("Friction coefficient.", default=defaults.MU)
+    tolerance: float = _condition(
+        "Distance at which a link touches, outside or inside \\[m].", default=defaults.TOUCHES
     )
-    gravity: Annotated[
-        tuple[float, float, float],
-        _condition(metavar="X Y Z", help="In the object's frame, or its file's world \\[m/s^2]."),
-    ] = defaults.GRAVITY
-    reserve: Annotated[bool, _condition(help="Ask for the reserve besides the weight.")] = True
-    drives: Annotated[
-        bool, _condition(help="Ask for forces that the hand's drives can make; the table has it anyway.")
-    ] = True
+    gravity: tuple[float, float, float] = _condition(
+        "In the object's frame, or its file's world \\[m/s^2].", default=defaults.GRAVITY, metavar="X Y Z"
+    )
+    reserve: bool = _condition("Ask for the reserve besides the weight.", default=True)
+    drives: bool = _condition("Ask for forces that the hand's drives can make; the table has it anyway.", default=True)
 
     def read(self) -> GraspConditions:
         """The conditions of the forces."""
@@ -117,30 +100,23 @@ class ConditionOptions:
         return GraspConditions(mu=self.mu, gravity_o=np.array(self.gravity), reserve=reserve)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableOptions:
+    """Where the answers are written."""
+
+    out: Path = _output("Folder for the rows, as Parquet files.", default=REQUIRED, metavar="DIR")
+    back: Path | None = _output("Write the files again, with newtons, into this folder.", metavar="DIR")
+    picture: Path | None = _output("Picture of what holds, why not, and the newtons: .png or .svg.", metavar="FILE")
+
+
 def certify(
     *,
     files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Files of grasps, or folders of them.")],
-    meaning: FileOptions,
+    meaning: MeaningOptions,
     conditions: ConditionOptions,
     described: HandOptions,
     workers: WorkerOptions,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the rows, as Parquet files.", rich_help_panel=OUTPUT)
-    ],
-    back: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Write the files again, with newtons, into this folder.", rich_help_panel=OUTPUT
-        ),
-    ] = None,
-    picture: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Picture of what holds, why not, and the newtons: .png or .svg.",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    results: TableOptions,
     session: Session,
 ) -> None:
     """Certify grasps of a data set: which hold, with how many newtons, and why the others do not. After an
@@ -156,6 +132,7 @@ def certify(
     from pinograsp.sweep import certify_files, written_back
     from pinograsp.viz.certified import certified_picture
 
+    out, back = results.out, results.back
     if out.resolve() in [path.resolve() for path in (meaning.objects, back) if path is not None]:
         raise InvalidInput("--out: expected a folder of its own")
     data = meaning.read(files, described)
@@ -169,25 +146,16 @@ def certify(
         **workers.settings(),
     )
     written, unwritten = ([], {}) if back is None or done.interrupted else written_back(data, out, back)
-    if picture is not None and done.rows:
-        certified_picture(done.table().to_pydict(), picture)
+    if results.picture is not None and done.rows:
+        certified_picture(done.table().to_pydict(), results.picture)
     if session.as_json:
-        status, remedy = Status.OK, ""
-        if done.interrupted:
-            status, remedy = Status.INTERRUPTED, "Some grasps are left: the same command continues."
-        elif done.faults:
-            status = Status.INVALID_INPUT
-            remedy = "Mend or remove the files that faults name: the same command certifies them, too."
+        status = Status.INTERRUPTED if done.interrupted else Status.INVALID_INPUT if done.faults else Status.OK
         more = {"written": [str(path) for path in written], "unwritten": unwritten}
-        session.print_json({"status": str(status), "remedy": remedy} | done.summary() | more)
+        session.print_json({"status": str(status), "remedy": status.remedy} | done.summary() | more)
     else:
         _print(done, written, unwritten)
-    if done.interrupted:
-        raise typer.Exit(130)
-    if done.faults:
-        raise typer.Exit(2)
-    if not done.rows:
-        raise typer.Exit(3)
+    if code := 130 if done.interrupted else 2 if done.faults else 0 if done.rows else 3:
+        raise typer.Exit(code)
 
 
 def _list_files(paths: list[Path]) -> list[Path]:
@@ -205,19 +173,13 @@ def _list_files(paths: list[Path]) -> list[Path]:
 
 
 def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> None:
-    from rich.table import Table
-
-    screen = console()
-    table = Table(box=None, header_style="bold")
-    table.add_column("reason")
-    for name in ("grasps", "share"):
-        table.add_column(name, justify="right")
-    table.add_column("")
     words = {str(status): status.words for status in Status if status.code >= 0}
-    for reason, count in sorted(done.counts.items(), key=lambda one: -one[1]):
-        if reason in words:
-            table.add_row(reason, str(count), f"{100 * count / done.rows:.1f} %", words[reason])
-    screen.print(table)
+    rows = [
+        (reason, str(count), f"{100 * count / done.rows:.1f} %", words[reason])
+        for reason, count in sorted(done.counts.items(), key=lambda one: -one[1])
+        if reason in words
+    ]
+    print_table({"reason": {}, "grasps": RIGHT, "share": RIGHT, "": {}}, rows)
     facts = [("again", f"{len(done.changed)} files, which had changed or their objects: {', '.join(done.changed)}")]
     facts = facts if done.changed else []
     facts += [("not used", f"{file}: {message}") for file, message in list(done.faults.items())[:_SHOWN]]
@@ -227,6 +189,7 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> N
     if len(done.hints) > _SHOWN:
         facts.append(("look at", f"{len(done.hints) - _SHOWN} more objects whose grasps are misplaced like this"))
     facts += [("not written", f"{file}: {message}") for file, message in list(unwritten.items())[:_SHOWN]]
+    screen = console()
     for line in listed(facts, 3):
         screen.print(line, style="yellow", soft_wrap=True)
     holding = done.counts.get("held", 0)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import functools
-import hashlib
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +16,7 @@ from pinograsp.cli import completion
 from pinograsp.cli.disturbance import DisturbanceOptions, read_of_joints
 from pinograsp.cli.options import RunFolder, force_option, new_folder, out_option, read_numbers
 from pinograsp.cli.screen import command, needs, show, tell
-from pinograsp.cli.session import Session
+from pinograsp.cli.session import Session, option
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -34,41 +32,34 @@ if TYPE_CHECKING:
 _MOST_TRIALS = 100_000  # of each error
 _SHOWN = 9  # lines of measurements, and of a study, on the first screen
 
-_simulation = functools.partial(typer.Option, rich_help_panel="Simulation")
-_study = functools.partial(typer.Option, rich_help_panel="Further trials")
+_simulation = partial(option, "Simulation")
+_study = partial(option, "Further trials")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialOptions:
     """How a plan is simulated."""
 
-    hold: Annotated[float, _simulation(help="How long the object is held after it was let go \\[s].")] = defaults.HOLD
-    control: Annotated[
-        str,
-        _simulation(
-            help="Of the joints: impedance (servos, with the plan's torques as feed-forward), position (servos "
-            "alone), torque (the plan's torques alone).",
-            autocompletion=completion.one_of(completion.CONTROLS),
-        ),
-    ] = "impedance"
-    kp: Annotated[
-        str | None,
-        _simulation(
-            metavar="K[,K...]", help="Stiffness of all servos, or of each \\[N m/rad, N/mm]; default: 50, 55.6."
-        ),
-    ] = None
-    prescribed: Annotated[
-        bool, _simulation("--prescribed", help="Joints follow the commands exactly, instead of by servos.")
-    ] = False
-    support: Annotated[
-        str,
-        _simulation(
-            help="Of the object until the hand carries it: fixed (until the grasp is complete), table (it stands there "
-            "freely: a hit on the way moves it), none (from the impact time on).",
-            autocompletion=completion.one_of(completion.SUPPORTS),
-        ),
-    ] = "fixed"
-    time_step: Annotated[float, _simulation(help="Of the simulation \\[s].")] = defaults.TIME_STEP
+    hold: float = _simulation("How long the object is held after it was let go \\[s].", default=defaults.HOLD)
+    control: str = _simulation(
+        "Of the joints: impedance (servos, with the plan's torques as feed-forward), position (servos alone), torque "
+        "(the plan's torques alone).",
+        default="impedance",
+        choices=completion.CONTROLS,
+    )
+    kp: str | None = _simulation(
+        "Stiffness of all servos, or of each \\[N m/rad, N/mm]; default: 50, 55.6.", metavar="K[,K...]"
+    )
+    prescribed: bool = _simulation(
+        "Joints follow the commands exactly, instead of by servos.", "--prescribed", default=False
+    )
+    support: str = _simulation(
+        "Of the object until the hand carries it: fixed (until the grasp is complete), table (it stands there freely: "
+        "a hit on the way moves it), none (from the impact time on).",
+        default="fixed",
+        choices=completion.SUPPORTS,
+    )
+    time_step: float = _simulation("Of the simulation \\[s].", default=defaults.TIME_STEP)
 
     def settings(self, plan: GraspPlan) -> StudySettings:
         """By the names of :func:`~pinograsp.simulation.simulate`; :class:`InvalidInput` for what is none."""
@@ -95,34 +86,27 @@ class TrialOptions:
 class StudyOptions:
     """Further simulations."""
 
-    monte_carlo: Annotated[
-        int,
-        _study(
-            metavar="N",
-            help="Probability of holding: N trials with each random error alone (position, rotation, friction, mass, "
-            "posture, push; others by --errors) and N with all of them, 7 N in all. The same command continues an "
-            "interrupted study.",
-        ),
-    ] = 0
-    errors: Annotated[
-        str | None,
-        _study(
-            metavar="NAME=VALUE,...",
-            help="Sizes of the random errors in SI units, ranges as LOW:HIGH, as pinograsp.simulation.Errors has them; "
-            "0: none. Besides the six there are stiffness=LOW:HIGH, joint_offset, joint_friction, servo_gain.",
-        ),
-    ] = None
-    seed: Annotated[int, _study(help="Of the random errors.")] = 0
-    thresholds: Annotated[
-        bool, _study("--thresholds", help="Search for the smallest friction and the largest mass that still hold.")
-    ] = False
-    what_holds: Annotated[
-        bool,
-        _study(
-            "--what-holds",
-            help="Where the object is lost: 10 to 25 more simulations, one change each, for what would have held.",
-        ),
-    ] = False
+    monte_carlo: int = _study(
+        "Probability of holding: N trials with each random error alone (position, rotation, friction, mass, posture, "
+        "push; others by --errors) and N with all of them, 7 N in all. The same command continues an interrupted "
+        "study.",
+        default=0,
+        metavar="N",
+    )
+    errors: str | None = _study(
+        "Sizes of the random errors in SI units, ranges as LOW:HIGH, as pinograsp.simulation.Errors has them; 0: none. "
+        "Besides the six there are stiffness=LOW:HIGH, joint_offset, joint_friction, servo_gain.",
+        metavar="NAME=VALUE,...",
+    )
+    seed: int = _study("Of the random errors.", default=0)
+    thresholds: bool = _study(
+        "Search for the smallest friction and the largest mass that still hold.", "--thresholds", default=False
+    )
+    what_holds: bool = _study(
+        "Where the object is lost: 10 to 25 more simulations, one change each, for what would have held.",
+        "--what-holds",
+        default=False,
+    )
 
     def read_errors(self) -> Errors | None:
         """The sizes of the random errors; None: the default ones."""
@@ -264,6 +248,9 @@ def _run_studies(
 
 def _draw_trials(work: _Work, studies: StudyOptions, errors: Errors | None, folder: Path) -> MonteCarlo:
     """Random trials, kept as they come, so that the same command can continue."""
+    import hashlib
+    import json
+
     from pinograsp.simulation import Errors, Servo, monte_carlo
     from pinograsp.simulation.monte_carlo import FILE
     from pinograsp.writing import list_in

@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
-import functools
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 import typer
 
 from pinograsp.cli import completion
-from pinograsp.cli.options import ArmOptions, FrictionOptions, GraspOptions
+from pinograsp.cli.options import ArmOptions, GraspOptions
 from pinograsp.cli.plan import SPECS, make_case, search_grasps
 from pinograsp.cli.screen import show, tell
-from pinograsp.cli.session import Session
+from pinograsp.cli.session import REQUIRED, Session, option
 
 if TYPE_CHECKING:
     from pinograsp.contacts import Closure
 
-_thing = functools.partial(typer.Option, rich_help_panel="What to grasp")
+_thing = partial(option, "What to grasp")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairOptions:
+    """A hand, and what it closes on."""
+
+    hand: str = _thing(
+        "A hand of the catalogue, or its URDF, xacro or MJCF file.", default=REQUIRED, complete=completion.hands
+    )
+    object: str = _thing(f"What to close on, as {SPECS}.", default=REQUIRED, complete=completion.objects)
 
 
 def close(
     *,
-    hand: Annotated[
-        str,
-        _thing(help="A hand of the catalogue, or its URDF, xacro or MJCF file.", autocompletion=completion.hands),
-    ],
-    object: Annotated[str, _thing(help=f"What to close on, as {SPECS}.", autocompletion=completion.objects)],
+    pair: PairOptions,
     grasp: GraspOptions,
-    friction: FrictionOptions,
     arm: ArmOptions,
     session: Session,
 ) -> None:
@@ -39,7 +44,7 @@ def close(
 
       pinograsp close --hand panda --object sphere:radius=0.03,mass=0.2 --at 0,0,0.1
     """
-    case = make_case(hand, object, {**grasp.settings(), **asdict(friction), **arm.settings()})
+    case = make_case(pair.hand, pair.object, {**grasp.settings(), **arm.settings()})
     search = search_grasps(case, session)
     closure = case.closure() if search is None else search.best.closure
     if session.as_json:

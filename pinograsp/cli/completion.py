@@ -61,12 +61,12 @@ def runs(incomplete: str) -> list[str]:
     return one_of(sorted(_holding("plan.json", incomplete)))(incomplete)
 
 
-def handed_over(incomplete: str) -> list[str]:
+def exportable(incomplete: str) -> list[str]:
     """Folders of runs, and of carry plans below carries/ and here."""
     return one_of(sorted({*_holding("plan.json", incomplete), *_holding("carry.json", incomplete)}))(incomplete)
 
 
-def held(incomplete: str) -> list[str]:
+def graspable(incomplete: str) -> list[str]:
     """Runs and cases."""
     return [*cases(incomplete), *runs(incomplete)]
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from pinograsp.cli.options import read_numbers
+from pinograsp.cli.session import option
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -19,56 +18,42 @@ if TYPE_CHECKING:
     from pinograsp.simulation.task import Task
     from pinograsp.spatial import Array
 
-_difference = functools.partial(typer.Option, rich_help_panel="What is otherwise than planned")
+_difference = partial(option, "What is otherwise than planned")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisturbanceOptions:
     """What is otherwise than planned."""
 
-    push: Annotated[
-        list[str] | None,
-        _difference(
-            metavar="FX,FY,FZ",
-            help="Force on the object \\[N], with ,MX,MY,MZ \\[N m] and @START+DURATION \\[s]; repeatable.",
-        ),
-    ] = None
-    shake: Annotated[
-        str | None,
-        _difference(metavar="AX,AY,AZ", help="Shake the hand with this acceleration \\[m/s^2], @FREQUENCY \\[Hz]."),
-    ] = None
-    mu: Annotated[float | None, _difference(help="Friction coefficient instead of the plan's.")] = None
-    mass: Annotated[float | None, _difference(help="Mass of the object instead of the plan's \\[kg].")] = None
-    offset: Annotated[str | None, _difference(metavar="X,Y,Z", help="Offset of the object \\[mm].")] = None
-    turn: Annotated[str | None, _difference(metavar="RX,RY,RZ", help="Rotation of the object \\[deg].")] = None
-    start_error: Annotated[float, _difference(help="Offset of every joint at the start \\[deg, mm].")] = 0.0
-    base_motion: Annotated[
-        Path | None,
-        _difference(
-            metavar="FILE.csv",
-            help="Accelerations of the hand's base: lines T,AX,AY,AZ, T after t_F \\[s, m/s^2]; linear between.",
-        ),
-    ] = None
-    base_path: Annotated[
-        Path | None,
-        _difference(
-            metavar="FILE.csv",
-            help="Positions of the hand's base: lines T,X,Y,Z, T after t_F \\[s, m]; a cubic spline from rest to rest.",
-        ),
-    ] = None
-    stiffness: Annotated[
-        float, _difference(help="Factor on the contact law's K: above 1 the object is harder than assumed.")
-    ] = 1.0
-    joint_friction: Annotated[
-        str | None, _difference(metavar="F[,F...]", help="Dry friction of all joints, or of each \\[N m, N].")
-    ] = None
-    joint_offset: Annotated[
-        str | None,
-        _difference(metavar="O[,O...]", help="Calibration error of all joints' encoders, or of each \\[deg, mm]."),
-    ] = None
-    servo_gain: Annotated[
-        float, _difference(help="Factor on the servos' gains; with --control torque, on the motors' torques.")
-    ] = 1.0
+    push: list[str] | None = _difference(
+        "Force on the object \\[N], with ,MX,MY,MZ \\[N m] and @START+DURATION \\[s]; repeatable.", metavar="FX,FY,FZ"
+    )
+    shake: str | None = _difference(
+        "Shake the hand with this acceleration \\[m/s^2], @FREQUENCY \\[Hz].", metavar="AX,AY,AZ"
+    )
+    mu: float | None = _difference("Friction coefficient instead of the plan's.")
+    mass: float | None = _difference("Mass of the object instead of the plan's \\[kg].")
+    offset: str | None = _difference("Offset of the object \\[mm].", metavar="X,Y,Z")
+    turn: str | None = _difference("Rotation of the object \\[deg].", metavar="RX,RY,RZ")
+    start_error: float = _difference("Offset of every joint at the start \\[deg, mm].", default=0.0)
+    base_motion: Path | None = _difference(
+        "Accelerations of the hand's base: lines T,AX,AY,AZ, T after t_F \\[s, m/s^2]; linear between.",
+        metavar="FILE.csv",
+    )
+    base_path: Path | None = _difference(
+        "Positions of the hand's base: lines T,X,Y,Z, T after t_F \\[s, m]; a cubic spline from rest to rest.",
+        metavar="FILE.csv",
+    )
+    stiffness: float = _difference(
+        "Factor on the contact law's K: above 1 the object is harder than assumed.", default=1.0
+    )
+    joint_friction: str | None = _difference("Dry friction of all joints, or of each \\[N m, N].", metavar="F[,F...]")
+    joint_offset: str | None = _difference(
+        "Calibration error of all joints' encoders, or of each \\[deg, mm].", metavar="O[,O...]"
+    )
+    servo_gain: float = _difference(
+        "Factor on the servos' gains; with --control torque, on the motors' torques.", default=1.0
+    )
 
     def read(self, task: Task) -> Disturbance:
         """As a disturbance of the task; :class:`InvalidInput` for texts that say none."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +12,7 @@ import typer
 from pinograsp.cli import completion
 from pinograsp.cli.options import read_numbers, refuse_existing
 from pinograsp.cli.screen import Fact, show
-from pinograsp.cli.session import Session
+from pinograsp.cli.session import Session, option
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -22,39 +22,25 @@ _CARRY = "carry.json"  # in a folder of 'pinograsp carry'
 _RATE = 1000.0  # [Hz]
 _ENDINGS = {"--csv": (".csv",), "--ros2": (".yaml", ".yml", ".json"), "--mujoco": (".xml",)}
 
-_file = functools.partial(typer.Option, rich_help_panel="What to write")
-_motor = functools.partial(typer.Option, rich_help_panel="What the motors are sent")
-_start = functools.partial(typer.Option, rich_help_panel="The start")
+_file = partial(option, "What to write")
+_motor = partial(option, "What the motors are sent")
+_start = partial(option, "The start")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileOptions:
     """What is written, and what is in it."""
 
-    csv: Annotated[
-        Path | None,
-        _file("--csv", metavar="FILE", help="A table: time, then each joint's position, velocity, ... (.csv)."),
-    ] = None
-    ros2: Annotated[
-        Path | None,
-        _file("--ros2", metavar="FILE", help="A message of ROS 2: a JointTrajectory (.yaml, .json)."),
-    ] = None
-    mujoco: Annotated[
-        Path | None, _file("--mujoco", metavar="FILE", help="MuJoCo's keyframes, controls beside them (.xml).")
-    ] = None
-    followers: Annotated[
-        bool, _file("--followers", help="With --csv and --ros2: a column for coupled joints, too.")
-    ] = False
-    goal: Annotated[
-        bool, _file("--goal", help="With --ros2: a goal of FollowJointTrajectory, not the message alone.")
-    ] = False
-    effort: Annotated[bool, _file("--effort/--no-effort", help="With --ros2: the message has the joints' torques.")] = (
-        True
+    csv: Path | None = _file("A table: time, then each joint's position, velocity, ... (.csv).", metavar="FILE")
+    ros2: Path | None = _file("A message of ROS 2: a JointTrajectory (.yaml, .json).", "--ros2", metavar="FILE")
+    mujoco: Path | None = _file("MuJoCo's keyframes, controls beside them (.xml).", metavar="FILE")
+    followers: bool = _file("With --csv and --ros2: a column for coupled joints, too.", "--followers", default=False)
+    goal: bool = _file("With --ros2: a goal of FollowJointTrajectory, not the message alone.", "--goal", default=False)
+    effort: bool = _file("With --ros2: the message has the joints' torques.", default=True)
+    scene: bool = _file(
+        "With --mujoco: a scene that loads by itself: hand, object and motors.", "--scene", default=False
     )
-    scene: Annotated[
-        bool, _file("--scene", help="With --mujoco: a scene that loads by itself: hand, object and motors.")
-    ] = False
-    force: Annotated[bool, _file("--force", help="Overwrite files.")] = False
+    force: bool = _file("Overwrite files.", "--force", default=False)
 
     @property
     def places(self) -> dict[str, Path]:
@@ -72,11 +58,11 @@ class FileOptions:
         """InvalidInput for options that nothing written would heed, files without their ending, none at all."""
         places = self.places
         if not places:
-            raise InvalidInput(f"expected one or more of {', '.join(f'{option} FILE' for option in _ENDINGS)}")
-        for option, file in places.items():
-            if file.suffix not in _ENDINGS[option]:
-                endings = ", ".join(_ENDINGS[option])
-                raise InvalidInput(f"{option}: expected a name that ends in {endings}, got '{file.name}'")
+            raise InvalidInput(f"expected one or more of {', '.join(f'{name} FILE' for name in _ENDINGS)}")
+        for name, file in places.items():
+            if file.suffix not in _ENDINGS[name]:
+                endings = ", ".join(_ENDINGS[name])
+                raise InvalidInput(f"{name}: expected a name that ends in {endings}, got '{file.name}'")
         for flag, is_set, options in (
             ("--followers", self.followers, ("--csv", "--ros2")),
             ("--goal", self.goal, ("--ros2",)),
@@ -85,45 +71,31 @@ class FileOptions:
         ):
             if is_set and not places.keys() & set(options):
                 raise InvalidInput(f"{flag}: expected with {' or '.join(options)}, got {', '.join(places)}")
-        for option, file in places.items():
-            refuse_existing(option, file, self.force)
+        for name, file in places.items():
+            refuse_existing(name, file, self.force)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorOptions:
     """What the motors are sent."""
 
-    command: Annotated[
-        str | None,
-        _motor(
-            help="torque, position (servos without feed-forward), impedance (servos with it) or jaw (force of a "
-            "gripper, and its widths where the jaws touch and at the end); default: the joints' motion with their "
-            "torques.",
-            autocompletion=completion.one_of(completion.COMMANDS),
-        ),
-    ] = None
-    stiffness: Annotated[
-        str | None,
-        _motor(metavar="K[,K...]", help="Of all servos, or of each \\[N m/rad or N/m]; default: the hand's own."),
-    ] = None
-    damping: Annotated[
-        str | None, _motor(metavar="D[,D...]", help="Of all servos, or of each \\[N m s/rad or N s/m].")
-    ] = None
-    rate: Annotated[float, _motor(help="Samples per second \\[Hz].")] = _RATE
-    blend: Annotated[
-        float | None, _motor(help="How long it takes to lead across jumps of acceleration \\[s]; default: 0.01.")
-    ] = None
-    start: Annotated[
-        str | None,
-        _start(
-            metavar="Q,Q,...",
-            help="Where the hand is, its joints in the order of q that 'pinograsp hands NAME' tells \\[rad or m]: a "
-            "straight way from there, unchecked, comes first.",
-        ),
-    ] = None
-    lead: Annotated[
-        float | None, _start(help="How long the way from --start takes, or waiting \\[s]; default: slowly.")
-    ] = None
+    command: str | None = _motor(
+        "torque, position (servos without feed-forward), impedance (servos with it) or jaw (force of a gripper, and "
+        "its widths where the jaws touch and at the end); default: the joints' motion with their torques.",
+        choices=completion.COMMANDS,
+    )
+    stiffness: str | None = _motor(
+        "Of all servos, or of each \\[N m/rad or N/m]; default: the hand's own.", metavar="K[,K...]"
+    )
+    damping: str | None = _motor("Of all servos, or of each \\[N m s/rad or N s/m].", metavar="D[,D...]")
+    rate: float = _motor("Samples per second \\[Hz].", default=_RATE)
+    blend: float | None = _motor("How long it takes to lead across jumps of acceleration \\[s]; default: 0.01.")
+    start: str | None = _start(
+        "Where the hand is, its joints in the order of q that 'pinograsp hands NAME' tells \\[rad or m]: a straight "
+        "way from there, unchecked, comes first.",
+        metavar="Q,Q,...",
+    )
+    lead: float | None = _start("How long the way from --start takes, or waiting \\[s]; default: slowly.")
 
     def settings(self) -> dict[str, Any]:
         """Those that are given, by the names of the functions that write."""
@@ -143,10 +115,7 @@ def export(
     *,
     run: Annotated[
         Path,
-        typer.Argument(
-            help="Folder of a run, or of 'pinograsp carry'.",
-            autocompletion=completion.handed_over,
-        ),
+        typer.Argument(help="Folder of a run, or of 'pinograsp carry'.", autocompletion=completion.exportable),
     ],
     files: FileOptions,
     motors: MotorOptions,

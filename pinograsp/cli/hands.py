@@ -8,7 +8,7 @@ import typer
 
 from pinograsp.cli import completion
 from pinograsp.cli.options import ArmOptions
-from pinograsp.cli.screen import command, console, show, tell
+from pinograsp.cli.screen import RIGHT, columns, command, console, print_table, show, tell
 from pinograsp.cli.session import Session
 from pinograsp.errors import InvalidInput
 
@@ -70,25 +70,18 @@ def _list_hands(session: Session) -> None:
     if session.as_json:
         session.print_json({"hands": rows, "problems": problems})
         raise typer.Exit(2 if problems else 0)
-    from rich.table import Table
-
-    screen = console()
-    columns = {
-        name: i for i, name in enumerate(("name", "title", "joints", "moving", "mass [kg]", "fingers", "effort limits"))
-    }
-    if screen.width < _WIDE:  # keeps each hand on one line
-        del columns["title"]
-    table = Table(box=None, header_style="bold")
-    for column in columns:
-        number = column in ("joints", "moving", "mass [kg]")
-        table.add_column(column, justify="right" if number else "left", no_wrap=True)
-    for row in rows:
-        shown = [cells(row)[i] for i in columns.values()]
-        if screen.width < _WIDE:
-            shown[list(columns).index("fingers")] = str(len(row["fingers"]))
-        table.add_row(*shown)
-    screen.print(table)
+    names = ["name", "title", "joints", "moving", "mass [kg]", "fingers", "effort limits"]
+    listed = [dict(zip(names, cells(row))) for row in rows]
+    if columns() < _WIDE:  # keeps each hand on one line
+        names.remove("title")
+        for cell, row in zip(listed, rows):
+            cell["fingers"] = str(len(row["fingers"]))
+    justified = {name: RIGHT if name in ("joints", "moving", "mass [kg]") else {} for name in names}
+    print_table(
+        {name: {**side, "no_wrap": True} for name, side in justified.items()},
+        [[cell[name] for name in names] for cell in listed],
+    )
     # No empty line before it, and as much as fits: with it the list fills a terminal of 24 lines.
-    screen.print(f" Next: {command('hands', rows[0]['name'])} tells all of one", style="bold")
+    console().print(f" Next: {command('hands', rows[0]['name'])} tells all of one", style="bold")
     if problems:
         raise InvalidInput("; ".join(problems))

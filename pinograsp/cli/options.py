@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import os
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,49 +13,41 @@ import typer
 
 from pinograsp import defaults
 from pinograsp.cli import completion
-from pinograsp.cli.session import OUTPUT
+from pinograsp.cli.session import OUTPUT, option
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
     from pinograsp.writing import NewFolder
 
-_hand = functools.partial(typer.Option, rich_help_panel="How to read the hand")
-_grasp = functools.partial(typer.Option, rich_help_panel="Where to grasp")
-_friction = functools.partial(typer.Option, rich_help_panel="Friction")
-_work = functools.partial(typer.Option, rich_help_panel="Who works")
+_hand = partial(option, "How to read the hand")
+_grasp = partial(option, "Where to grasp")
+_friction = partial(option, "Friction")
+_work = partial(option, "Who works")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HandOptions:
     """How a hand's file is to be read."""
 
-    root: Annotated[str | None, _hand(help="Link whose sub-tree is the hand, on an arm or a robot.")] = None
-    palm: Annotated[str | None, _hand(help="Link that the fingers start from; default: where chains part.")] = None
-    fingers: Annotated[
-        list[str] | None,
-        _hand("--finger", metavar="NAME=LINK", help="A finger's name and its last link; repeatable: these alone."),
-    ] = None
-    packages: Annotated[
-        list[str] | None,
-        _hand("--package", metavar="NAME=DIR", help="Folder of a ROS package, for files; repeatable."),
-    ] = None
-    arguments: Annotated[
-        list[str] | None, _hand("--arg", metavar="NAME=VALUE", help="Argument of a xacro file; repeatable.")
-    ] = None
-    trusted: Annotated[
-        bool, _hand("--trusted", help="Let the hand's xacro run code and read any file: for your own files only.")
-    ] = False
-    masses: Annotated[
-        str,
-        _hand(
-            help="Of links without any: estimate (from their shapes) or file (massless).",
-            autocompletion=completion.one_of(completion.MASSES),
-        ),
-    ] = "estimate"
-    exclude: Annotated[
-        list[str] | None, _hand("--exclude", metavar="LINK", help="Link that is not to touch; repeatable.")
-    ] = None
-    srdf: Annotated[str | None, _hand(metavar="FILE", help="SRDF with pairs of links that may overlap.")] = None
+    root: str | None = _hand("Link whose sub-tree is the hand, on an arm or a robot.")
+    palm: str | None = _hand("Link that the fingers start from; default: where chains part.")
+    fingers: list[str] | None = _hand(
+        "A finger's name and its last link; repeatable: these alone.", "--finger", metavar="NAME=LINK"
+    )
+    packages: list[str] | None = _hand(
+        "Folder of a ROS package, for files; repeatable.", "--package", metavar="NAME=DIR"
+    )
+    arguments: list[str] | None = _hand("Argument of a xacro file; repeatable.", "--arg", metavar="NAME=VALUE")
+    trusted: bool = _hand(
+        "Let the hand's xacro run code and read any file: for your own files only.", "--trusted", default=False
+    )
+    masses: str = _hand(
+        "Of links without any: estimate (from their shapes) or file (massless).",
+        default="estimate",
+        choices=completion.MASSES,
+    )
+    exclude: list[str] | None = _hand("Link that is not to touch; repeatable.", "--exclude", metavar="LINK")
+    srdf: str | None = _hand("SRDF with pairs of links that may overlap.", metavar="FILE")
 
     def settings(self) -> dict[str, Any]:
         """By the names of :func:`~pinograsp.hands.load_hand`.
@@ -63,13 +55,12 @@ class HandOptions:
         Raises:
             InvalidInput: texts that are not NAME=VALUE, names given twice.
         """
+        packages = read_pairs("--package", self.packages)
         return {
             "root": self.root,
             "palm": self.palm,
             "fingers": read_pairs("--finger", self.fingers) or None,
-            "packages": {
-                name: os.path.expanduser(folder) for name, folder in read_pairs("--package", self.packages).items()
-            },
+            "packages": {name: os.path.expanduser(folder) for name, folder in packages.items()},
             "xacro_args": read_pairs("--arg", self.arguments),
             "trusted": self.trusted,
             "masses": self.masses,
@@ -82,12 +73,9 @@ class HandOptions:
 class ArmOptions(HandOptions):
     """The same of a hand that may be on an arm."""
 
-    posture: Annotated[
-        list[str] | None,
-        _hand(
-            "--posture", metavar="JOINT=VALUE", help="Where a joint of an arm or wrist stays \\[rad or m]; repeatable."
-        ),
-    ] = None
+    posture: list[str] | None = _hand(
+        "Where a joint of an arm or wrist stays \\[rad or m]; repeatable.", "--posture", metavar="JOINT=VALUE"
+    )
 
     def settings(self) -> dict[str, Any]:
         """By the names of :func:`~pinograsp.hands.load_hand`; :class:`InvalidInput` also for postures that are no
@@ -104,30 +92,28 @@ class ArmOptions(HandOptions):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraspOptions:
-    """Where a hand is to hold an object."""
+    """Where a hand is to hold an object, and with which friction."""
 
-    at: Annotated[
-        str | None,
-        _grasp(help="Object in the hand's frame, x,y,z\\[,roll,pitch,yaw] \\[m, deg]; default: searched."),
-    ] = None
-    samples: Annotated[int, _grasp(help="Without --at: grasps to try.")] = defaults.GRASPS
-    seed: Annotated[int, _grasp(help="Without --at: seed of the search.")] = 0
-    within: Annotated[
-        str | None,
-        _grasp(
-            metavar="X,Y,Z,X,Y,Z",
-            help="Where to hold it, a handle for example: lower and upper corner of a box in the object's frame \\[m].",
-        ),
-    ] = None
-    wrap: Annotated[bool, _grasp("--wrap", help="Wrap the fingers round the object (power grasp).")] = False
-    hulls: Annotated[
-        bool,
-        _grasp("--hulls/--no-hulls", help="Take the convex hulls of the hand's meshes, as physics engines do."),
-    ] = True
+    at: str | None = _grasp("Object in the hand's frame, x,y,z\\[,roll,pitch,yaw] \\[m, deg]; default: searched.")
+    samples: int = _grasp("Without --at: grasps to try.", default=defaults.GRASPS)
+    seed: int = _grasp("Without --at: seed of the search.", default=0)
+    within: str | None = _grasp(
+        "Where to hold it, a handle for example: lower and upper corner of a box in the object's frame \\[m].",
+        metavar="X,Y,Z,X,Y,Z",
+    )
+    wrap: bool = _grasp("Wrap the fingers round the object (power grasp).", "--wrap", default=False)
+    hulls: bool = _grasp("Take the convex hulls of the hand's meshes, as physics engines do.", default=True)
+    mu: float = _friction("Friction coefficient of the search and the plan.", default=defaults.MU)
+    friction: str | None = _friction(
+        "Friction of the search and the plan: pyramid, cone or soft (torsion 5 mm). Default: cone, and soft where two "
+        "fingers touch.",
+        choices=completion.FRICTION,
+    )
+    safety: float = _friction("Friction is used up to mu / safety.", default=1.0)
 
     def settings(self) -> dict[str, Any]:
         """By the names of a case of hand and object; :class:`InvalidInput` for texts that are no such numbers."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = asdict(self)
         if self.at is not None:
             values["at"] = read_numbers("--at", self.at, (3, 6), "x,y,z or x,y,z,roll,pitch,yaw [m, deg]")
         if self.within is not None:
@@ -137,44 +123,21 @@ class GraspOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionOptions:
-    """Friction between a hand and an object."""
-
-    mu: Annotated[float, _friction(help="Friction coefficient of the search and the plan.")] = defaults.MU
-    friction: Annotated[
-        str | None,
-        _friction(
-            help="Friction of the search and the plan: pyramid, cone or soft (torsion 5 mm). Default: cone, and soft "
-            "where two fingers touch.",
-            autocompletion=completion.one_of(completion.FRICTION),
-        ),
-    ] = None
-    safety: Annotated[float, _friction(help="Friction is used up to mu / safety.")] = 1.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerOptions:
     """Who works on many things at once."""
 
-    jobs: Annotated[int, _work(help="Processes; -1: all cores.")] = -1
-    executor: Annotated[
-        str,
-        _work(
-            help="joblib: this machine, or dask: the cluster of --scheduler.",
-            autocompletion=completion.one_of(completion.EXECUTORS),
-        ),
-    ] = "joblib"
-    scheduler: Annotated[
-        str | None, _work(metavar="ADDRESS", help="Of a Dask scheduler, such as tcp://10.0.0.1:8786.")
-    ] = None
+    jobs: int = _work("Processes; -1: all cores.", default=-1)
+    executor: str = _work(
+        "joblib: this machine, or dask: the cluster of --scheduler.", default="joblib", choices=completion.EXECUTORS
+    )
+    scheduler: str | None = _work("Of a Dask scheduler, such as tcp://10.0.0.1:8786.", metavar="ADDRESS")
 
     def settings(self) -> dict[str, Any]:
         """By the names of the functions that sweep."""
         from pinograsp.checks import one_of
         from pinograsp.sweep.runner import EXECUTORS
 
-        executor = one_of("executor", self.executor, EXECUTORS)
-        return {"jobs": self.jobs, "executor": executor, "scheduler": self.scheduler}
+        return {**asdict(self), "executor": one_of("executor", self.executor, EXECUTORS)}
 
 
 RunFolder = Annotated[

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,9 +11,9 @@ import typer
 from typer.core import TyperCommand
 
 from pinograsp.cli import completion
-from pinograsp.cli.options import ArmOptions, FrictionOptions, GraspOptions, force_option, new_folder, out_option
-from pinograsp.cli.screen import command, console, needs, show
-from pinograsp.cli.session import Session
+from pinograsp.cli.options import ArmOptions, GraspOptions, force_option, new_folder, out_option
+from pinograsp.cli.screen import RIGHT, columns, command, needs, print_table, show
+from pinograsp.cli.session import Session, argument, option
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
 
 if TYPE_CHECKING:
@@ -27,10 +27,10 @@ SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 (all shapes: below)"
 _WIDE = 120  # columns of a terminal that are enough for the notes of the comparison
 _SOME = 6  # contacts that are named one by one
 
-_thing = functools.partial(typer.Option, rich_help_panel="What to grasp")
-_pair = functools.partial(typer.Option, rich_help_panel="With --hand and --object alone")
-_case = functools.partial(typer.Option, rich_help_panel="With a case alone")
-_forces = functools.partial(typer.Option, rich_help_panel="Forces")
+_thing = partial(option, "What to grasp")
+_pair = partial(option, "With --hand and --object alone")
+_case = partial(option, "With a case alone")
+_forces = partial(option, "Forces")
 
 
 class CommandWithObjects(TyperCommand):
@@ -50,104 +50,65 @@ class CommandWithObjects(TyperCommand):
 class ForceOptions:
     """How contact forces are chosen."""
 
-    search: Annotated[
-        str | None,
-        _forces(
-            help="hybrid, paper, paper+qp (grids) or convex (certified optimum).",
-            autocompletion=completion.one_of(completion.SEARCHES),
-        ),
-    ] = None
-    balance: Annotated[
-        str | None,
-        _forces(
-            help="force (the paper) or wrench (forces and moments).",
-            autocompletion=completion.one_of(completion.BALANCES),
-        ),
-    ] = None
-    measure: Annotated[
-        str | None,
-        _forces(help="impulse \\[N s] or work \\[J].", autocompletion=completion.one_of(completion.MEASURES)),
-    ] = None
-    solver: Annotated[
-        str | None,
-        _forces(
-            help="auto, newton, interior, or a QP solver that is there: daqp, clarabel, osqp...",
-            autocompletion=completion.one_of(completion.SOLVERS),
-        ),
-    ] = None
+    search: str | None = _forces(
+        "hybrid, paper, paper+qp (grids) or convex (certified optimum).", choices=completion.SEARCHES
+    )
+    balance: str | None = _forces("force (the paper) or wrench (forces and moments).", choices=completion.BALANCES)
+    measure: str | None = _forces("impulse \\[N s] or work \\[J].", choices=completion.MEASURES)
+    solver: str | None = _forces(
+        "auto, newton, interior, or a QP solver that is there: daqp, clarabel, osqp...", choices=completion.SOLVERS
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PairOptions:
-    """What a case file says otherwise."""
+class AloneOptions:
+    """What goes with a hand and an object alone, which a case file says otherwise; and with a case alone."""
 
-    table: Annotated[bool, _pair("--table", help="The object stands on a table: the hand keeps above it.")] = False
-    torque_limit: Annotated[
-        float | None,
-        _pair(
-            help="Of every joint \\[N m or N], where it is below the effort limit of the hand's file, which may be far "
-            "too generous."
-        ),
-    ] = None
-    check: Annotated[
-        bool,
-        _pair(
-            "--check",
-            help="Simulate the grasps that were found, at rest and shaken, and take one that is held.",
-        ),
-    ] = False
-    reserve: Annotated[
-        str | None,
-        _pair(
-            help="What to bear besides the weight: none, default, or some of disturbance, moment_arm, mass, friction, "
-            "normal_force, torque, softer, stiffer: disturbance=0.5,mass=0.2 (shares; moment_arm \\[m]; softer, "
-            "stiffer: factors on the contacts' stiffness).",
-            autocompletion=completion.one_of(completion.RESERVES),
-        ),
-    ] = None
+    table: bool = _pair("The object stands on a table: the hand keeps above it.", "--table", default=False)
+    torque_limit: float | None = _pair(
+        "Of every joint \\[N m or N], where it is below the effort limit of the hand's file, which may be far too "
+        "generous."
+    )
+    check: bool = _pair(
+        "Simulate the grasps that were found, at rest and shaken, and take one that is held.", "--check", default=False
+    )
+    reserve: str | None = _pair(
+        "What to bear besides the weight: none, default, or some of disturbance, moment_arm, mass, friction, "
+        "normal_force, torque, softer, stiffer: disturbance=0.5,mass=0.2 (shares; moment_arm \\[m]; softer, stiffer: "
+        "factors on the contacts' stiffness).",
+        choices=completion.RESERVES,
+    )
+    changes: list[str] | None = _case(
+        "Change a value of the case; repeatable.", "--set", metavar="KEY=VALUE", complete=completion.keys
+    )
+    compare: bool = _case(
+        "With the case 'paper': print the table against the paper's figures, too.", "--compare", default=False
+    )
+
+    def settings(self) -> dict[str, Any]:
+        """By the names of a case of hand and object."""
+        settings = {"table": self.table, "torque_limit": self.torque_limit, "check": self.check}
+        return settings if self.reserve is None else {**settings, "reserve": self.reserve}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CaseOptions:
-    """What is done with a case besides planning it."""
+class WhatOptions:
+    """What is planned: a case, or a hand and an object."""
 
-    changes: Annotated[
-        list[str] | None,
-        _case(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change a value of the case; repeatable.",
-            autocompletion=completion.keys,
-        ),
-    ] = None
-    compare: Annotated[
-        bool, _case("--compare", help="With the case 'paper': print the table against the paper's figures, too.")
-    ] = False
+    case: str | None = argument(
+        "A built-in case ('paper') or a case file ('pinograsp new' writes one); none: --hand and --object.",
+        complete=completion.cases,
+    )
+    hand: str | None = _thing("With --object: a hand of the catalogue, or its file.", complete=completion.hands)
+    object: str | None = _thing(f"With --hand: what to hold, as {SPECS}.", complete=completion.objects)
 
 
 def plan(
     *,
-    context: typer.Context,
-    case: Annotated[
-        str | None,
-        typer.Argument(
-            help="A built-in case ('paper') or a case file ('pinograsp new' writes one); none: --hand and --object.",
-            autocompletion=completion.cases,
-        ),
-    ] = None,
-    hand: Annotated[
-        str | None,
-        _thing(help="With --object: a hand of the catalogue, or its file.", autocompletion=completion.hands),
-    ] = None,
-    object: Annotated[
-        str | None,
-        _thing(help=f"With --hand: what to hold, as {SPECS}.", autocompletion=completion.objects),
-    ] = None,
+    what: WhatOptions,
     grasp: GraspOptions,
-    friction: FrictionOptions,
     forces: ForceOptions,
-    pair: PairOptions,
-    of_case: CaseOptions,
+    alone: AloneOptions,
     arm: ArmOptions,
     out: Annotated[Path | None, out_option("a new one, runs/NAME, runs/NAME-2, ...")] = None,
     force: Annotated[bool, force_option("an earlier run in --out")] = False,
@@ -175,25 +136,22 @@ def plan(
     What each answer means: docs/howto/answers.md
     """
     chosen = {key: value for key, value in asdict(forces).items() if value is not None}
+    case, hand, object = what.case, what.hand, what.object
     if case is not None and hand is None and object is None:
-        _refuse_with_case(context, case)
-        if pair.reserve not in (None, "none"):
+        _refuse_with_case(session, case)
+        if alone.reserve not in (None, "none"):
             raise InvalidInput("--reserve: expected --hand and --object, got CASE: its forces hold its load alone")
-        if of_case.compare and case != "paper":
+        if alone.compare and case != "paper":
             raise InvalidInput(
                 f"--compare: expected with the case 'paper', whose figures are published, got '{case:.200}'"
             )
-        _plan_case(case, chosen, of_case, (out, force), session)
+        _plan_case(case, chosen, alone, (out, force), session)
     elif case is None and hand is not None and object is not None:
-        if of_case.changes:
+        if alone.changes:
             raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
-        if of_case.compare:
+        if alone.compare:
             raise InvalidInput("--compare: expected with the case 'paper', got --hand and --object")
-        beside = asdict(pair)
-        if pair.reserve is None:
-            del beside["reserve"]
-        options = {**grasp.settings(), **asdict(friction), **arm.settings(), **chosen, **beside}
-        described = make_case(hand, object, options)
+        described = make_case(hand, object, {**grasp.settings(), **arm.settings(), **chosen, **alone.settings()})
         kind = object.partition(":")[0]
         with new_folder(out, force, f"{Path(hand).stem}-{kind}") as folder:
             found = search_grasps(described, session)
@@ -217,24 +175,18 @@ _IN_CASES = {
 }
 
 
-def _refuse_with_case(context: typer.Context, case: str) -> None:
+def _refuse_with_case(session: Session, case: str) -> None:
     """Refuse options of ``--hand`` and ``--object`` that were given with a case, which has all of that itself.
 
     Raises:
         InvalidInput: with the places of a case file where it is to be written.
     """
-    options, places = [], []
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        source = context.get_parameter_source(name)
-        if name in _IN_CASES and source is not None and source.name == "COMMANDLINE":
-            place = _IN_CASES[name]
-            options.append(max(parameter.opts, key=len))
-            places.append(place + name if place.endswith(".") else place)
-    if options:
+    typed = {name: text for name, text in session.typed.items() if name in _IN_CASES}
+    if typed:
+        places = [place + name if (place := _IN_CASES[name]).endswith(".") else place for name in typed]
         raise InvalidInput(
-            f"{', '.join(options)}: expected with --hand and --object, got CASE '{case:.200}', whose hand, object and "
-            f"contacts are in its file: write {', '.join(dict.fromkeys(places))} there, or give them with "
+            f"{', '.join(typed.values())}: expected with --hand and --object, got CASE '{case:.200}', whose hand, "
+            f"object and contacts are in its file: write {', '.join(dict.fromkeys(places))} there, or give them with "
             "--set KEY=VALUE"
         )
 
@@ -242,7 +194,7 @@ def _refuse_with_case(context: typer.Context, case: str) -> None:
 def _plan_case(
     case: str,
     chosen: dict[str, str],
-    options: CaseOptions,
+    options: AloneOptions,
     results: tuple[Path | None, bool],
     session: Session,
 ) -> None:
@@ -326,24 +278,19 @@ def _keep_proof(error: GraspInfeasible, case: Case, folder: NewFolder) -> None:
 
 
 def _print_comparison(plan: GraspPlan) -> None:
-    from rich.table import Table
-
     from pinograsp.report import list_comparison
 
-    screen = console()
     title = "Comparison with the paper (planned with the paper's choices: balance of forces only)"
-    beside = Table(title=title, title_justify="left", box=None, header_style="bold", padding=(0, 1, 0, 0))
-    beside.add_column("quantity")
-    beside.add_column("unit", no_wrap=True)
-    for name in ("paper", "ours", "difference"):
-        beside.add_column(name, justify="right", no_wrap=True)
-    shown = None if screen.width >= _WIDE else -1  # without the notes, which the report has
-    if shown is None:
-        beside.add_column("note")
-    for row in list_comparison(plan.comparison):
-        beside.add_row(*row[:shown])
-    screen.print(beside)
-    screen.print()
+    whole = {"no_wrap": True}
+    names: dict[str, dict[str, Any]] = {"quantity": {}, "unit": whole}
+    names |= {name: {**RIGHT, **whole} for name in ("paper", "ours", "difference")}
+    rows = list_comparison(plan.comparison)
+    if columns() >= _WIDE:
+        names["note"] = {}
+    else:
+        rows = [row[:-1] for row in rows]  # without the notes, which the report has
+    print_table(names, rows, title, padding=(0, 1, 0, 0))
+    typer.echo("")
 
 
 def print_plan(plan: GraspPlan, folder: Path, session: Session) -> None:

@@ -6,10 +6,10 @@ import shlex
 import shutil
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 _PIPED = 80  # columns where there is no terminal
 _ROWS = 22  # of a terminal of 24: the command and the next prompt stay visible, too
 _COLOURS = {"yes": "green", "caution": "yellow", "no": "red"}
+
+RIGHT = {"justify": "right"}  # of a table's column
 
 Fact = tuple[str, str]  # its name, and what is said of it
 
@@ -36,6 +38,20 @@ def console() -> Console:
     from rich.console import Console
 
     return Console(width=columns(), highlight=False, markup=False)
+
+
+def print_table(
+    columns: Mapping[str, Mapping[str, Any]], rows: Iterable[Sequence[str]], title: str | None = None, **style: Any
+) -> None:
+    """Print a table; ``columns``: by name what rich takes for one, ``style``: and for a table."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=None, header_style="bold", **style)
+    for name, options in columns.items():
+        table.add_column(name, **options)
+    for row in rows:
+        table.add_row(*row)
+    console().print(table)
 
 
 def tell(text: str, width: int | None = None) -> None:

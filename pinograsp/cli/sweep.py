@@ -8,18 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pinograsp.cli.options import WorkerOptions, out_option
-from pinograsp.cli.screen import command, console, show
+from pinograsp.cli.screen import RIGHT, command, print_table, show
 from pinograsp.cli.session import Session
 from pinograsp.errors import Status
 
 if TYPE_CHECKING:
     from pinograsp.sweep import Sweep
-
-
-_REMEDY = {
-    Status.INTERRUPTED: "Some rows are left: the same command continues.",
-    Status.NOT_FOUND: "No row is a plan that holds: the column message says why, row by row.",
-}
 
 
 def sweep(
@@ -55,7 +49,7 @@ def sweep(
     usable = any(done.counts.get(status) for status in Status if status.exit_code == 0)
     if session.as_json:
         status = Status.INTERRUPTED if done.interrupted else Status.OK if usable else Status.NOT_FOUND
-        session.print_json({"status": str(status), "remedy": _REMEDY.get(status, "")} | done.summary())
+        session.print_json({"status": str(status), "remedy": status.remedy} | done.summary())
     else:
         _print(done, file)
     if done.interrupted:
@@ -65,16 +59,11 @@ def sweep(
 
 
 def _print(done: Sweep, file: Path) -> None:
-    from rich.table import Table
-
-    screen = console()
-    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
-    table.add_column("status")
-    for name in ("rows", "share"):
-        table.add_column(name, justify="right")
-    for status, count in sorted(done.counts.items(), key=lambda one: -one[1]):
-        table.add_row(status, str(count), f"{100 * count / done.done:.1f} %")
-    screen.print(table)
+    rows = [
+        (status, str(count), f"{100 * count / done.done:.1f} %")
+        for status, count in sorted(done.counts.items(), key=lambda one: -one[1])
+    ]
+    print_table({"status": {}, "rows": RIGHT, "share": RIGHT}, rows, padding=(0, 2, 0, 0))
     good = sum(done.counts.get(status, 0) for status in Status if status.exit_code == 0)
     answer = f"{good} of {done.done} rows are plans that hold, {done.elapsed:.1f} s"
     if done.interrupted:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +11,7 @@ import typer
 
 from pinograsp.cli.options import RunFolder, force_option, refuse_existing
 from pinograsp.cli.screen import tell
-from pinograsp.cli.session import Session
+from pinograsp.cli.session import Session, option
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -17,38 +19,31 @@ if TYPE_CHECKING:
 
 _FILMS = (".gif", ".mp4")
 
+_shown = partial(option, None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageOptions:
+    """Where a plan is drawn, and how."""
+
+    html: Path | None = _shown("Write a page that needs no server and no network.", metavar="FILE")
+    png: Path | None = _shown(
+        "Write a picture, without a screen: .png, .svg or .pdf; .gif or .mp4: it moves, and the forces grow.",
+        metavar="FILE",
+    )
+    side: str | None = _shown(
+        "With --png: where the camera is: front, back, side, top, or a direction X,Y,Z in the world; default: where "
+        "little hides the contacts.",
+        "--from",
+        metavar="WHERE",
+    )
+    check: Path | None = _shown("Folder of a check to show beside the plan; default: the newest in the run.")
+    port: int = _shown("Port of the live page; the next free one is used.", default=8080)
+    browser: bool = _shown("Open the live page in a browser.", default=True)
+
 
 def view(
-    *,
-    run: RunFolder,
-    html: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write a page that needs no server and no network."),
-    ] = None,
-    png: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Write a picture, without a screen: .png, .svg or .pdf; .gif or .mp4: it moves, and the forces grow.",
-        ),
-    ] = None,
-    side: Annotated[
-        str | None,
-        typer.Option(
-            "--from",
-            metavar="WHERE",
-            help="With --png: where the camera is: front, back, side, top, or a direction X,Y,Z in the world; default: "
-            "where little hides the contacts.",
-        ),
-    ] = None,
-    check: Annotated[
-        Path | None,
-        typer.Option(help="Folder of a check to show beside the plan; default: the newest in the run."),
-    ] = None,
-    port: Annotated[int, typer.Option(help="Port of the live page; the next free one is used.")] = 8080,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the live page in a browser.")] = True,
-    force: Annotated[bool, force_option("FILE")] = False,
-    session: Session,
+    *, run: RunFolder, page: PageOptions, force: Annotated[bool, force_option("FILE")] = False, session: Session
 ) -> None:
     """Show a plan: hand, object, forces and friction over time, and its simulation if there is one.
 
@@ -68,27 +63,29 @@ def view(
     from pinograsp.planner import load_run
     from pinograsp.storage import newest_check, read_check
 
-    if side is not None and png is None:
+    html, png = page.html, page.png
+    if page.side is not None and png is None:
         raise InvalidInput("--from: expected with --png, got it without")
-    for option, path in (("--html", html), ("--png", png)):
+    for name, path in (("--html", html), ("--png", png)):
         if path is not None:
-            refuse_existing(option, path, force)
+            refuse_existing(name, path, force)
     loaded = load_run(run)
     if png is not None:
-        _tell_written(_draw(loaded, png, side, session), session)
-    found = check if check is not None else newest_check(run)
-    simulation = None if found is None or (html is None and png is not None) else read_check(found)
+        _tell_written(_draw(loaded, png, page.side, session), session)
+        if html is None:
+            return
+    found = page.check if page.check is not None else newest_check(run)
+    simulation = None if found is None else read_check(found)
     if html is not None:
         from pinograsp.viz.viewer import save_html
 
         _tell_written(save_html(loaded, html, simulation=simulation), session)
-    if png is not None or html is not None:
         return
-    if not 0 <= port < 65536:
-        raise InvalidInput(f"--port: expected a number from 0 to 65535, got {port}")
+    if not 0 <= page.port < 65536:
+        raise InvalidInput(f"--port: expected a number from 0 to 65535, got {page.port}")
     from pinograsp.viz.viewer import view as show
 
-    with show(loaded, simulation=simulation, port=port, open_browser=browser) as viewer:
+    with show(loaded, simulation=simulation, port=page.port, open_browser=page.browser) as viewer:
         try:
             if session.as_json:
                 session.print_json({"url": viewer.url, "check": None if found is None else str(found)})
