@@ -388,8 +388,3 @@ _MEANINGS = {
 def status_of(error: BaseException) -> Status:
     """How something ended that raised ``error``."""
     return next(status for status, meaning in _MEANINGS.items() if isinstance(error, meaning.errors))
-
-
-def exit_code_of(error: BaseException) -> int:
-    """The exit code of a command that raised ``error``."""
-    return status_of(error).exit_code

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,7 @@ from pydantic import Field, model_validator
 
 from pinograsp import defaults
 from pinograsp.cases.changes import CaseChanges
-from pinograsp.cases.reading import changes_of, check_extent, put_value, read_mapping, validated
+from pinograsp.cases.reading import change_values, changes_of, check_extent, read_mapping, validated
 from pinograsp.cases.sections import (
     Angles,
     ComplianceSection,
@@ -29,6 +28,8 @@ from pinograsp.cases.sections import (
     Section,
     Steps,
     Vector,
+    find_source,
+    read_hand_settings,
 )
 from pinograsp.checks import instance_of, number, path_of
 from pinograsp.contacts import (
@@ -93,22 +94,11 @@ class Case(Section):
     def load_hand(self) -> HandModel:
         """The hand, placed, with the case's limits."""
         h = self.hand
-        beside = self.folder / h.source
         return load_hand(
-            beside if os.path.isfile(beside) else h.source,
+            find_source(h.source, self.folder),
             pose=pose_of(1e-3 * np.array(h.position_mm), rotation_rpy(*np.radians(h.rpy_deg))),
-            root=h.root,
-            palm=h.palm,
-            fingers=h.fingers,
             limits={joint: (math.radians(low), math.radians(high)) for joint, (low, high) in h.limits_deg.items()},
-            hulls=h.hulls,
-            packages={name: self.folder / Path(folder).expanduser() for name, folder in h.packages.items()},
-            trusted=h.trusted,
-            masses=h.masses,
-            exclude=h.exclude,
-            srdf=None if h.srdf is None else self.folder / Path(h.srdf).expanduser(),
-            posture=h.posture,
-            xacro_args=h.xacro_args,
+            **read_hand_settings(h, self.folder),
         )
 
     def make_object(self) -> Cylinder | Sphere:
@@ -245,8 +235,7 @@ def load_case(source: str | Path, changes: CaseChanges = _AS_IT_IS, *, texts: Se
             f"case '{name}': hand.trusted: no file can say so itself: give it where the case is opened "
             "(--set hand.trusted=true, {'hand.trusted': True})"
         )
-    for key, value in changes_of(changes, texts).items():
-        put_value(data, key, value)
+    data = change_values(data, changes_of(changes, texts))
     check_extent(data, f"case '{name}'")
     if "folder" in data:
         raise CaseRejected(f"case '{name}': folder: unknown key")
@@ -255,7 +244,5 @@ def load_case(source: str | Path, changes: CaseChanges = _AS_IT_IS, *, texts: Se
 
 def with_changes(case: Case, changes: Mapping[str, object]) -> Case:
     """``case`` with some values changed; keys and errors as in :func:`load_case`."""
-    data = case.settings()
-    for key, value in changes.items():
-        put_value(data, key, value)
+    data = change_values(case.settings(), changes)
     return validated(Case, {**data, "folder": case.folder}, f"case '{case.name}'")

@@ -15,7 +15,15 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from pinograsp import defaults
 from pinograsp.cases.reading import validated
-from pinograsp.cases.sections import NotNegative, Number, Objective, Section, Solver
+from pinograsp.cases.sections import (
+    NotNegative,
+    Number,
+    Objective,
+    Section,
+    Solver,
+    find_source,
+    read_hand_settings,
+)
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
 from pinograsp.contacts.compliance import MEASURES
 from pinograsp.contacts.friction import SOFT
@@ -30,19 +38,6 @@ from pinograsp.planner import GraspPlan, PlanOptions, Search, plan_best, plan_gr
 from pinograsp.spatial import Array, pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
 
-_OF_THE_HAND = {
-    "root",
-    "palm",
-    "fingers",
-    "packages",
-    "xacro_args",
-    "trusted",
-    "masses",
-    "hulls",
-    "exclude",
-    "srdf",
-    "posture",
-}
 Share = Annotated[float, Field(ge=0, lt=1)]
 Times = Annotated[float, Field(ge=1, le=1000)]
 
@@ -150,16 +145,9 @@ class ObjectCase(Section):
 
     def load_hand(self) -> HandModel:
         """The hand at the world's origin; one that was loaded before is reused until one of its files changes."""
-        beside = self.folder / self.hand
-        settings = self.model_dump(include=_OF_THE_HAND)
-        settings["packages"] = self._packages()
-        settings["srdf"] = self.srdf and str(self.folder / Path(self.srdf).expanduser())
-        source = str(beside) if os.path.isfile(beside) else self.hand
+        source, settings = find_source(self.hand, self.folder), read_hand_settings(self, self.folder)
         key = (os.getcwd(), source, json.dumps(settings, sort_keys=True))
         return _HANDS.get(key, lambda: load_hand(source, **settings))
-
-    def _packages(self) -> dict[str, str]:
-        return {name: str(self.folder / Path(folder).expanduser()) for name, folder in self.packages.items()}
 
     def make_object(self) -> Body:
         """The object at the world's origin."""
@@ -173,7 +161,7 @@ class ObjectCase(Section):
             fields["package"] = f"{name}={self.folder / Path(folder).expanduser()}" if folder else name
         return object_from(
             f"{fields.pop('shape', '')}:" + ",".join(f"{name}={_text(value)}" for name, value in fields.items()),
-            packages=self._packages(),
+            packages=read_hand_settings(self, self.folder)["packages"],
         )
 
     def grasps(self, *, jobs: int = -1, progress: bool | None = None) -> GraspSearch:

@@ -21,13 +21,18 @@ _DEEPEST, _MOST_PARTS = 50, 3_000_000  # nesting of lists and mappings, and numb
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-def validated(kind: type[_Model], data: Mapping[str, Any], what: str) -> _Model:
-    """``data`` as a checked ``kind``; :class:`~pinograsp.errors.CaseRejected` lists all errors in ``what``."""
+def validated(kind: type[_Model], data: Mapping[str, Any], what: str = "", also: Iterable[str] = ()) -> _Model:
+    """``data`` as a checked ``kind``.
+
+    Raises:
+        CaseRejected: all errors in ``what``; for unknown keys with the nearest spelling of those that may stand there
+            and ``also`` these.
+    """
     try:
         return kind.model_validate(data)
     except ValidationError as error:
-        lines = dict.fromkeys(line_of(one, _keys_beside(kind, one["loc"])) for one in error.errors())
-        raise CaseRejected(f"{what} is not valid: " + "; ".join(lines)) from None
+        lines = dict.fromkeys(_describe(one, [*_keys_beside(kind, one["loc"]), *also]) for one in error.errors())
+        raise CaseRejected((f"{what} is not valid: " if what else "") + "; ".join(lines)) from None
 
 
 def _keys_beside(kind: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:
@@ -124,7 +129,15 @@ def changes_of(changes: Mapping[str, object], texts: Iterable[str] = ()) -> dict
     return parsed
 
 
-def put_value(data: dict[str, Any], key: str, value: object) -> None:
+def change_values(data: Mapping[str, Any], changes: Mapping[str, object]) -> dict[str, Any]:
+    """A copy of nested mappings and lists with other values at dotted keys."""
+    changed = deepcopy(dict(data))
+    for key, value in changes.items():
+        _put_value(changed, key, deepcopy(value))
+    return changed
+
+
+def _put_value(data: dict[str, Any], key: str, value: object) -> None:
     """Put a value at a dotted key of nested mappings and lists."""
     *parents, last = key.split(".")
     at: dict[str, Any] | list[Any] = data
@@ -143,9 +156,10 @@ def put_value(data: dict[str, Any], key: str, value: object) -> None:
         at[last] = value
 
 
-def line_of(error: ErrorDetails, known: Sequence[str] = ()) -> str:
+def _describe(error: ErrorDetails, known: Sequence[str]) -> str:
     """One of pydantic's errors in words; for an unknown key, with the nearest spelling among ``known``."""
-    where = place_of(error)
+    tags = ("Steps", "range", "list")  # pydantic's, of unions
+    where = ".".join(str(part) for part in error["loc"] if "[" not in str(part) and part not in tags)
     text, got = error["msg"].removeprefix("Value error, "), error["input"]
     if error["type"] == "extra_forbidden":
         near = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
@@ -153,10 +167,3 @@ def line_of(error: ErrorDetails, known: Sequence[str] = ()) -> str:
     elif isinstance(got, str | int | float | None):
         text += f" (got {shown(got)})"
     return f"{where}: {text}" if where else text
-
-
-def place_of(error: ErrorDetails) -> str:
-    """The dotted key of one of pydantic's errors, without pydantic's tags of unions."""
-    return ".".join(
-        str(part) for part in error["loc"] if "[" not in str(part) and part not in ("Steps", "range", "list")
-    )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -27,8 +29,6 @@ Objective: TypeAlias = ObjectiveName
 
 # Sizes of numbers: grasps of hands are well within, and computations cannot overflow or underflow.
 _SMALLEST, _LARGEST = 1e-12, 1e12
-_MOST_STEPS = 200_000  # of the motion
-_LONGEST_NAME = 100  # it becomes the name of a folder
 _MOST_VALUES, _MOST_CELLS = 10_000, 1_000_000  # of a grid: along one axis; impact times x accelerations
 
 
@@ -71,6 +71,11 @@ class Section(BaseModel):
         return repr(self)
 
 
+_READING = {
+    *("root", "palm", "fingers", "packages", "xacro_args", "trusted", "masses", "hulls", "exclude", "srdf", "posture")
+}
+
+
 class HandSection(Section):
     """The hand: its file, placement, limits, and how the file is read (see :func:`~pinograsp.hands.load_hand`)."""
 
@@ -89,6 +94,23 @@ class HandSection(Section):
     exclude: list[str] = []
     srdf: str | None = None
     posture: dict[str, Number] = {}
+
+
+def read_hand_settings(section: BaseModel, folder: Path) -> dict[str, Any]:
+    """How a section says that a hand's file is read, by the names of :func:`~pinograsp.hands.load_hand`; relative paths
+    start at ``folder``.
+    """
+    settings = section.model_dump(include=_READING)
+    settings["packages"] = {name: str(folder / Path(one).expanduser()) for name, one in settings["packages"].items()}
+    if settings["srdf"] is not None:
+        settings["srdf"] = str(folder / Path(settings["srdf"]).expanduser())
+    return settings
+
+
+def find_source(source: str, folder: Path) -> str:
+    """A hand's file in ``folder``, or its name where there is none."""
+    beside = folder / source
+    return str(beside) if os.path.isfile(beside) else source
 
 
 class ObjectSection(Section):

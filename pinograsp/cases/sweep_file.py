@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import difflib
 import functools
 import json
 import math
 import os
 from collections.abc import Iterable
+from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
-from pydantic_core import ErrorDetails
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from pinograsp.cases.case import Case, load_case
+from pinograsp.cases.case import load_case
 from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.object_case import ObjectCase, object_fields
-from pinograsp.cases.reading import check_extent, line_of, place_of, put_value, read_mapping
-from pinograsp.cases.sections import NotNegative, Number, Objective, Positive, Section
-from pinograsp.checks import mapping_of, path_of, shown
-from pinograsp.contacts import ContactSet
+from pinograsp.cases.reading import change_values, check_extent, read_mapping, validated
+from pinograsp.cases.sections import NotNegative, Number, Positive, Section, find_source
+from pinograsp.cases.sweep_rows import IMPACT_TIME, SweepBase
+from pinograsp.checks import mapping_of, path_of
 from pinograsp.errors import CaseRejected, InvalidInput
-from pinograsp.forces import ForceProblem
-from pinograsp.hands import HandModel
-from pinograsp.hands.file_reads import ABSENT, Kept, noting_files
+from pinograsp.hands.file_reads import ABSENT, noting_files
 
-IMPACT_TIME = "impact_time"  # t_I of ``what: forces``, the only input that is not a key of a case
 _MOST = 10_000_000  # rows; their indices are kept in memory
 _BIGGEST = 10_000_000  # bytes of a sweep file: lists of values may be long
 _WITH_FILES = ("hand", "object", "packages", "xacro_args", "srdf")  # inputs that may name other files
@@ -75,6 +71,13 @@ class Draw(Section):
     normal: tuple[Number, NotNegative] | None = None
     choice: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, given: object) -> object:
+        if not isinstance(given, dict | Draw):
+            raise ValueError("expected a distribution, for example {uniform: [0.4, 1.0]}")
+        return given
+
     @model_validator(mode="after")
     def _one_distribution(self) -> Draw:
         if sum(value is not None for value in (self.uniform, self.log_uniform, self.normal, self.choice)) != 1:
@@ -114,9 +117,16 @@ class Samples(Section):
         return self.__pydantic_extra__
 
 
+def _several(values: object) -> object:
+    if not isinstance(values, list | tuple):
+        raise ValueError("expected a list of values, or {from, to, steps}")
+    return values
+
+
+ValueList = Annotated[tuple[Any, ...], Field(min_length=1), BeforeValidator(_several)]
 # Tagged, so that an error in one kind is not reported for the other as well.
 Values = Annotated[
-    Annotated[Span, Tag("range")] | Annotated[Annotated[tuple[Any, ...], Field(min_length=1)], Tag("list")],
+    Annotated[Span, Tag("range")] | Annotated[ValueList, Tag("list")],
     Discriminator(lambda value: "range" if isinstance(value, dict | Span) else "list"),
 ]
 
@@ -145,27 +155,21 @@ class SweepSpec(Section):
             raise ValueError("expected either case, or hand and object")
         if not self.over and not (self.samples and self.samples.draws):
             raise ValueError("nothing to vary: expected inputs under over or under samples")
-        for a, b in (("set", "over"), ("set", "samples"), ("over", "samples")):
-            twice = sorted(self._keys_of(a) & self._keys_of(b))
-            if twice:
+        keys = {"set": {*self.set}, "over": {*self.over}, "samples": {*(self.samples.draws if self.samples else ())}}
+        for a, b in combinations(keys, 2):
+            if twice := sorted(keys[a] & keys[b]):
                 raise ValueError(f"expected every input once, got {', '.join(twice)} under {a} and {b}")
-        named = self._keys_of("set") | self._keys_of("over") | self._keys_of("samples")
+        named = set().union(*keys.values())
         if (IMPACT_TIME in named) != (self.what == "forces"):
             wanted = "needs" if self.what == "forces" else "has no"
             raise ValueError(f"what: {self.what} {wanted} {IMPACT_TIME} [s] under set, over or samples")
-        if {"trusted", "hand.trusted"} & {key for part in ("set", "over", "samples") for key in self._keys_of(part)}:
+        if {"trusted", "hand.trusted"} & named:
             raise ValueError("trusted: no file can say so itself: expand the hand's xacro to a URDF first")
-        if self.samples and self.samples.count * len(self.samples.draws) > _MOST:
-            raise ValueError(
-                f"expected at most {_MOST} drawn values, got {self.samples.count * len(self.samples.draws)}"
-            )
+        if self.samples and (drawn := self.samples.count * len(self.samples.draws)) > _MOST:
+            raise ValueError(f"expected at most {_MOST} drawn values, got {drawn}")
         if self.rows > _MOST:
             raise ValueError(f"expected at most {_MOST} rows, got {self.rows}: take fewer values or draws")
         return self
-
-    def _keys_of(self, part: str) -> frozenset[str]:
-        found = getattr(self, part)
-        return frozenset((found.draws if found else ()) if part == "samples" else found)
 
     @functools.cached_property
     def grid(self) -> dict[str, list[Any]]:
@@ -204,7 +208,7 @@ class SweepSpec(Section):
         return {**{key: picked[key] for key in self.grid}, **{key: values[draw] for key, values in self.drawn.items()}}
 
     @functools.cached_property
-    def base(self) -> Base:
+    def base(self) -> SweepBase:
         """The case with its fixed inputs, for all rows.
 
         Raises:
@@ -212,12 +216,12 @@ class SweepSpec(Section):
         """
         fixed = {key: value for key, value in self.set.items() if key != IMPACT_TIME}
         always = {key: value for key, value in self.set.items() if key == IMPACT_TIME}
-        start = self._case_start(fixed) if self.object is None else self._object_start(self.object, fixed)
         kind: Literal["case", "object"] = "case" if self.object is None else "object"
-        base = Base(kind=kind, what=self.what, folder=start.folder, data=start.data, always=always, files={})
+        data, folder, known = self._start_case(fixed) if kind == "case" else self._start_object(fixed)
+        base = SweepBase(kind=kind, what=self.what, folder=folder, data=data, always=always)
         for key, values in self.inputs.items():
-            if key not in start.known and key != IMPACT_TIME:
-                self._known(base, key, values[0], start.known)
+            if key not in known and key != IMPACT_TIME:
+                self._try_key(base, key, values[0], known)
         first: InvalidInput | None = None
         for index in range(min(self.rows, _LOOKED_AT)):
             try:
@@ -229,31 +233,28 @@ class SweepSpec(Section):
             raise CaseRejected(f"sweep '{self.name}': none of the first rows can be used: {first}")
         return base
 
-    def _case_start(self, fixed: dict[str, Any]) -> _Start:
-        """What the rows of a case start from."""
-        case = str(self.case)
-        beside = self.folder / case
-        source = beside if os.path.isfile(beside) else case
+    def _start_case(self, fixed: dict[str, Any]) -> tuple[dict[str, Any], str, list[str]]:
+        """What the rows of a case start from: plain values, the folder of relative paths, and the keys that exist."""
+        source = find_source(str(self.case), self.folder)
         known = _names(load_case(source).settings())
         try:
             loaded = load_case(source, cast(CaseChanges, fixed))
         except CaseRejected as error:
             raise self._rejected(error, fixed, known) from None
-        data = loaded.model_dump(mode="json", by_alias=True, exclude_unset=True)
-        return _Start(data, str(loaded.folder), known)
+        return loaded.model_dump(mode="json", by_alias=True, exclude_unset=True), str(loaded.folder), known
 
-    def _object_start(self, spec: str | dict[str, Any], fixed: dict[str, Any]) -> _Start:
-        """What the rows of a hand and an object start from."""
-        fields = object_fields(spec)
+    def _start_object(self, fixed: dict[str, Any]) -> tuple[dict[str, Any], str, list[str]]:
+        """The same of a hand and an object."""
+        fields = object_fields(self.object or "")
         known = _names({**ObjectCase.of(hand="", object="").settings(), "object": fields})
         try:
-            data = _changed({"hand": self.hand, "object": fields}, fixed)
-            ObjectCase.model_validate({**data, "folder": self.folder})
-        except (CaseRejected, ValidationError) as error:
+            data = change_values({"hand": self.hand, "object": fields}, fixed)
+            validated(ObjectCase, {**data, "folder": self.folder})
+        except CaseRejected as error:
             raise self._rejected(error, fixed, known) from None
-        return _Start(data, str(self.folder), known)
+        return data, str(self.folder), known
 
-    def _known(self, base: Base, key: str, value: Any, known: list[str]) -> None:
+    def _try_key(self, base: SweepBase, key: str, value: Any, known: list[str]) -> None:
         """Refuse an input that does not exist; keys without a value in this case are found by trying them."""
         try:
             base.look({key: value})
@@ -263,22 +264,14 @@ class SweepSpec(Section):
             ):
                 raise self._rejected(error, [key], known) from None
 
-    def _rejected(
-        self, error: CaseRejected | InvalidInput | ValidationError, keys: Iterable[str], known: list[str]
-    ) -> CaseRejected:
+    def _rejected(self, error: InvalidInput, keys: Iterable[str], known: list[str]) -> CaseRejected:
         """The error of a case as the sweep's own, with the nearest spelling of unknown keys."""
-        text = (
-            "; ".join(_lines(error, known)) if isinstance(error, ValidationError) else str(error).replace("--set ", "")
-        )
-        near = {
-            key: found[0] for key in keys if key not in known and (found := difflib.get_close_matches(key, known, n=1))
-        }
-        hint = (
-            "".join(f"; '{key}': did you mean '{name}'?" for key, name in near.items())
-            if "did you mean" not in text
-            else ""
-        )
-        return CaseRejected(f"sweep '{self.name}': {text}{hint}")
+        text = str(error).replace("--set ", "")
+        if "did you mean" not in text:
+            for key in keys:
+                if key not in known and (near := difflib.get_close_matches(key, known, n=1)):
+                    text += f"; '{key}': did you mean '{near[0]}'?"
+        return CaseRejected(f"sweep '{self.name}': {text}")
 
     @functools.cached_property
     def files(self) -> dict[str, str]:
@@ -312,97 +305,6 @@ class SweepSpec(Section):
         }
 
 
-class _Start(NamedTuple):
-    """What the rows of a sweep start from: plain values, the folder of relative paths, and the keys that exist."""
-
-    data: dict[str, Any]
-    folder: str
-    known: list[str]
-
-
-class Base(Section):
-    """What the rows of a sweep share, as plain values for other processes; ``always``: the impact time, where fixed;
-    ``files``: those that they are made of, ``{path: SHA-256}``.
-    """
-
-    kind: Literal["case", "object"]
-    what: Literal["plan", "forces"]
-    folder: str
-    data: dict[str, Any]
-    always: dict[str, Any]
-    files: dict[str, str] = Field(default_factory=dict)
-
-    def case(self, inputs: dict[str, Any]) -> HeldCase | ObjectCase:
-        """The case of one row.
-
-        Raises:
-            CaseRejected: values that cannot be used; the message names all of them.
-        """
-        changes = {key: value for key, value in inputs.items() if key != IMPACT_TIME}
-        kind = HeldCase if self.kind == "case" else ObjectCase
-        try:
-            case = kind.model_validate({**_changed(self.data, changes), "folder": self.folder})
-        except CaseRejected as error:
-            raise CaseRejected(str(error).removeprefix("--set ")) from None
-        except ValidationError as error:
-            raise CaseRejected("; ".join(_lines(error, []))) from None
-        asked = isinstance(case, ObjectCase) and "reserve" in case.model_fields_set and case.reserve is not None
-        if asked and self.what == "forces":
-            raise CaseRejected("reserve: expected none with what: forces, got one: set it to none, or plan")
-        return case
-
-    def look(self, inputs: dict[str, Any]) -> None:
-        """Check a row without planning it; :class:`~pinograsp.errors.InvalidInput` where it cannot be used."""
-        case = self.case(inputs)
-        hand = case.load_hand()
-        if isinstance(case, ObjectCase):
-            case.make_object()
-        elif self.what == "forces":
-            case.problem().checked_impact_time(self.impact_time(inputs))
-        else:
-            case.make_problem(hand)
-
-    def impact_time(self, inputs: dict[str, Any]) -> float:
-        """t_I of a row with ``what: forces`` [s]."""
-        at: float = {**self.always, **inputs}[IMPACT_TIME]
-        return at
-
-
-class HeldCase(Case):
-    """A case that loads each hand, and finds where it touches, once for all rows that have these in common."""
-
-    def load_hand(self) -> HandModel:
-        """The hand, placed, with the case's limits."""
-        return _HANDS.get((os.getcwd(), self.folder, self.hand.model_dump_json()), super().load_hand)
-
-    def make_contacts(self, hand: HandModel) -> ContactSet:
-        """The contacts of ``hand``, this case's own, on the object, whatever its mass."""
-        touched = self.object.model_dump_json(exclude={"mass"})
-        motion = self.motion.model_dump_json(include={"touch", "posture_deg"})
-        contacts = tuple(contact.model_dump_json() for contact in self.contacts)
-        key = (hand, touched, motion, contacts, self.gravity)
-        return _CONTACTS.get(key, lambda: super(HeldCase, self).make_contacts(hand))
-
-    def problem(self) -> ForceProblem:
-        """The force problem, without torque limits.
-
-        Raises:
-            CaseRejected: the case has torque limits.
-        """
-        if self.limits.torque_limit is not None:
-            raise CaseRejected("limits.torque_limit: expected none with what: forces, got one: set it to null, or plan")
-        return self.make_problem(self.load_hand())
-
-    @property
-    def objective(self) -> Objective | dict[Objective, float] | None:
-        """What the forces minimise; None: the case's measure."""
-        return self.forces.objective
-
-
-_HANDS: Kept[HandModel] = Kept(4)
-_CONTACTS: Kept[ContactSet] = Kept(4)
-
-
 def load_sweep(source: str | Path | dict[str, Any]) -> SweepSpec:
     """A sweep from a YAML file, or from a mapping with the same content.
 
@@ -421,42 +323,13 @@ def load_sweep(source: str | Path | dict[str, Any]) -> SweepSpec:
     for key in ("name", "folder"):
         if key in data:
             raise CaseRejected(f"sweep '{name}': {key}: unknown key")
+    spec = validated(SweepSpec, {**data, "name": name, "folder": folder}, f"sweep '{name}'", Draw.model_fields)
     try:
-        spec = SweepSpec.model_validate({**data, "name": name, "folder": folder})
         json.dumps([spec.set, spec.object, {key: v for key, v in spec.over.items() if not isinstance(v, Span)}])
-    except ValidationError as error:
-        raise CaseRejected(f"sweep '{name}' is not valid: " + "; ".join(_lines(error, _OWN))) from None
     except (TypeError, ValueError) as error:
         raise CaseRejected(f"sweep '{name}': expected numbers, texts, lists and mappings as values: {error}") from None
     spec.base  # noqa: B018  (raises its errors now, not with the first row)
     return spec
-
-
-_OWN = [
-    *(field.alias or name for name, field in SweepSpec.model_fields.items() if not field.exclude),
-    *(field.alias or name for kind in (Span, Draw, Samples) for name, field in kind.model_fields.items()),
-]
-
-
-def _lines(error: ValidationError, known: list[str]) -> list[str]:
-    """The distinct errors in words; for unknown keys, with the nearest spelling among ``known``."""
-    return list(dict.fromkeys(_line(one, known) for one in error.errors()))
-
-
-def _line(error: ErrorDetails, known: list[str]) -> str:
-    where = place_of(error)
-    if error["type"] == "tuple_type" and where.startswith("over."):
-        return f"{where}: expected a list of values, or {{from, to, steps}} (got {shown(error['input'])})"
-    if where.startswith("samples.") and error["type"] in ("model_type", "model_attributes_type"):
-        return f"{where}: expected a distribution, for example {{uniform: [0.4, 1.0]}} (got {shown(error['input'])})"
-    return line_of(error, known)
-
-
-def _changed(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    changed = copy.deepcopy(data)
-    for key, value in changes.items():
-        put_value(changed, key, copy.deepcopy(value))
-    return changed
 
 
 def _names(value: object, name: str = "") -> list[str]:

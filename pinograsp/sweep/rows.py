@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-from pinograsp.cases.sweep_file import Base
+from pinograsp.cases.sweep_rows import SweepBase
 from pinograsp.contacts import Friction
 from pinograsp.contacts.quality import Balance
 from pinograsp.errors import ExtraMissing, PinograspError, Status, status_of
@@ -142,11 +142,11 @@ def _in_time(started: float, rows: list[tuple[int, Row]], result_of: Callable[[R
 
 
 @functools.lru_cache(maxsize=1)
-def _base(payload: str) -> Base:
-    return Base.model_validate_json(payload)
+def _base(payload: str) -> SweepBase:
+    return SweepBase.model_validate_json(payload)
 
 
-def _row(compute: Callable[[Base, Row], _Result], base: Base, inputs: Row) -> _Result | Row:
+def _row(compute: Callable[[SweepBase, Row], _Result], base: SweepBase, inputs: Row) -> _Result | Row:
     """What ``compute`` returns, or its failure as a row."""
     started = time.perf_counter()
     try:
@@ -166,7 +166,7 @@ def _failure(error: Exception, elapsed: float) -> Row:
     return {"status": str(status), "message": text, "elapsed_s": elapsed}
 
 
-def _planned(base: Base, inputs: Row) -> Row:
+def _planned(base: SweepBase, inputs: Row) -> Row:
     plan = base.case(inputs).plan(progress=False)
     if plan.status is Status.INTERRUPTED:  # the search catches Ctrl-C
         raise KeyboardInterrupt
@@ -200,7 +200,7 @@ class _Problem(NamedTuple):
     group: tuple[Friction, Balance, str]
 
 
-def _forces(base: Base, rows: list[tuple[int, Row]], started: float) -> list[Row]:
+def _forces(base: SweepBase, rows: list[tuple[int, Row]], started: float) -> list[Row]:
     """Rows of contact forces only: one batch for all rows with the same friction model, balance and objective."""
     groups: dict[tuple[Friction, Balance, str], list[int]] = {}
     prepared = list(_in_time(started, rows, functools.partial(_row, _problem, base)))
@@ -220,7 +220,7 @@ def _forces(base: Base, rows: list[tuple[int, Row]], started: float) -> list[Row
     return [{**row, "elapsed_s": seconds / len(results)} for row in results]
 
 
-def _problem(base: Base, inputs: Row) -> _Problem | Row:
+def _problem(base: SweepBase, inputs: Row) -> _Problem | Row:
     """A row's problem; or its result, where its limits leave no force."""
     case = base.case(inputs)
     problem = case.problem()
