@@ -24,8 +24,8 @@ from pinograsp.objects.body import Body
 from pinograsp.planner import GraspPlan, plan_best
 from pinograsp.synthesis import FoundGrasp
 from pinograsp.viz.film import write_film
-from pinograsp.viz.scene import Phase, ViewScene, scene_of
-from pinograsp.viz.still import Sheet, camera_of, content_of, draw
+from pinograsp.viz.scene import Phase, ViewScene, make_scene
+from pinograsp.viz.still import Sheet, draw, encode_figure, find_camera
 
 DOCS = Path(__file__).resolve().parent
 SHEET = Sheet(width=600, height=450, dpi=92, fading=False)
@@ -124,12 +124,12 @@ def lifted(scene: ViewScene) -> ViewScene:
 
 def still(plan: GraspPlan, path: Path, view: ArrayLike | None) -> None:
     """A picture of 600 pixels, in few colours."""
-    scene = scene_of(plan)
+    scene = make_scene(plan)
     frame = scene.frame_at(scene.closed)
     figure = Figure(figsize=(SHEET.width / SHEET.dpi, SHEET.height / SHEET.dpi), dpi=SHEET.dpi)
-    draw(figure, scene, frame, camera_of(scene, view, [frame], SHEET), SHEET)
+    draw(figure, scene, frame, find_camera(scene, view, [frame], SHEET), SHEET)
     path.parent.mkdir(exist_ok=True)
-    image = Image.open(io.BytesIO(content_of(figure))).convert("RGB")
+    image = Image.open(io.BytesIO(encode_figure(figure))).convert("RGB")
     image.quantize(255, Image.Quantize.MAXCOVERAGE, kmeans=2).save(path, optimize=True)
 
 
@@ -141,7 +141,7 @@ def main(names: list[str]) -> None:
         plan = pg.load_case("paper", {"forces.search": "convex"}).plan() if shot is None else shot.plan()
         still(plan, DOCS / "gallery" / f"{name}.png", None if shot is None else shot.view)
         if name == "allegro_mug":
-            write_film(lifted(scene_of(plan)), DOCS / "grasp.gif", view=shot.view, seconds=5.0)
+            write_film(lifted(make_scene(plan)), DOCS / "grasp.gif", view=shot.view, seconds=5.0)
         held = ", ".join(f"{one} {force:.3g} N" for one, force in zip(plan.contacts.names, plan.forces.normal_forces))
         print(f"{name}: {plan.status}; {held}", flush=True)
 

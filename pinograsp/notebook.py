@@ -24,7 +24,7 @@ from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.plan.answer import bears, does_it_hold, friction_model
 from pinograsp.spatial import Array
 from pinograsp.synthesis import FoundGrasp, GraspSearch
-from pinograsp.viz.scene import friction_of, in_words
+from pinograsp.viz.scene import name_object, split_forces
 from pinograsp.viz.style import contact_colours
 from pinograsp.viz.thumbnail import Seen, thumbnail
 from pinograsp.words import number
@@ -63,20 +63,14 @@ class _Page:
     seen: Callable[[], Seen] | None = None
 
 
-def html_of(record: object) -> str | None:
+def render_record(record: object) -> str | None:
     """A record as HTML; None for one that shows as text."""
-    page = _page_of(record)
+    page = _make_page(record)
     if page is None:
         return None
-    facts = [(what, value) for what, value in page.facts if value]
+    facts, picture = [(what, value) for what, value in page.facts if value], _picture(page)
     return render(
-        "notebook.html",
-        longest=_LONGEST,
-        page=page,
-        facts=facts,
-        picture=_picture(page),
-        badges=_BADGES,
-        most=_MANY,
+        "notebook.html", longest=_LONGEST, page=page, facts=facts, picture=picture, badges=_BADGES, most=_MANY
     )
 
 
@@ -94,15 +88,16 @@ def _picture(page: _Page) -> str:
 
 
 @singledispatch
-def _page_of(record: object) -> _Page | None:
+def _make_page(record: object) -> _Page | None:
     return None
 
 
-@_page_of.register
+@_make_page.register
 def _(hand: HandModel) -> _Page:
     coupled = hand.model.njoints - 1 - hand.n
     rows = [(one.name, str(one.n), ", ".join(one.actuated), one.tip) for one in hand.fingers]
-    efforts = hand.effort[hand.effort > 0]
+    known = hand.effort[hand.effort > 0]
+    efforts = dict.fromkeys(f"{value:g}" for value in (known.min(), known.max())) if known.size else ()
     return _Page(
         title=hand.name,
         lead=f"{hand.n} joints" + (f" that move {coupled} more" if coupled else "") + f", {hand.mass:.3g} kg",
@@ -111,7 +106,7 @@ def _(hand: HandModel) -> _Page:
         facts=(
             ("palm", hand.palm),
             ("drives", str(len(hand.drives)) if hand.drives else ""),
-            ("effort limits", _range(efforts, "N m") if efforts.size else "none known"),
+            ("effort limits", f"{' to '.join(efforts)} N m" if efforts else "none known"),
             ("source", hand.source),
         ),
         remarks=_notes(hand.notes),
@@ -119,11 +114,11 @@ def _(hand: HandModel) -> _Page:
     )
 
 
-@_page_of.register
+@_make_page.register
 def _(plan: PlanRecord) -> _Page:
     answer, contacts, forces = does_it_hold(plan), plan.contacts, plan.forces
     colours = contact_colours(contacts.names, plan.layout.fingers)
-    _, _, used = friction_of(contacts.rotations_oc, plan.friction.mu, plan.motion.forces_o[-1:])
+    _, _, used = split_forces(contacts.rotations_oc, plan.friction.mu, plan.motion.forces_o[-1:])
     rows = [
         (name, f"{normal:.3g}", _share(share), number(1e3 * depth, 3))
         for name, normal, share, depth in zip(contacts.names, forces.normal_forces, used[0], forces.final_depths)
@@ -141,7 +136,7 @@ def _(plan: PlanRecord) -> _Page:
             ("peak joint effort", plan.peak_efforts()),
             ("it bears", "" if plan.margins is None else bears(plan)),
             ("friction", friction_model(plan.friction)),
-            ("object", "" if plan.body is None else in_words(plan.body)),
+            ("object", "" if plan.body is None else name_object(plan.body)),
             ("t_I, t_F", f"{forces.impact_time:g}, {forces.final_time:g} s"),
             ("proven optimal", proven),
         ),
@@ -160,7 +155,7 @@ def _(plan: PlanRecord) -> _Page:
     )
 
 
-@_page_of.register
+@_make_page.register
 def _(closure: Closure) -> _Page:
     colours = contact_colours([touch.finger for touch in closure.touches], [one.name for one in closure.hand.fingers])
 
@@ -177,7 +172,7 @@ def _(closure: Closure) -> _Page:
     ]
     touching = len({touch.finger for touch in closure.touches if touch.finger})
     return _Page(
-        title=f"{closure.hand.name} closed on a {in_words(closure.object)}",
+        title=f"{closure.hand.name} closed on a {name_object(closure.object)}",
         badge=(f"{len(closure.touches)} contacts", "yes" if touching > 1 else "caution"),
         columns=("finger", "link", "point [mm]", "of the way"),
         rows=rows,
@@ -187,7 +182,7 @@ def _(closure: Closure) -> _Page:
     )
 
 
-@_page_of.register
+@_make_page.register
 def _(problem: ForceProblem) -> _Page:
     contacts = problem.contacts
     low, high = problem.impact_time_range
@@ -195,11 +190,11 @@ def _(problem: ForceProblem) -> _Page:
         (name, one.link, _millimetres(one.point_o), f"{mu:g}")
         for name, one, mu in zip(contacts.names, contacts, problem.mu.tolist())
     ]
-    friction, balance = problem.friction, "forces and moments" if problem.balance == "wrench" else "forces alone"
+    thing, friction, wrench = problem.object, problem.friction, problem.balance == "wrench"
     model = friction.model if friction.model != "pyramid" else f"pyramid of {friction.edges} edges"
     return _Page(
-        title=f"hold {in_words(problem.object)}" if problem.object is not None else "contact forces that bear a load",
-        lead=f"{problem.k} contacts, {balance} in balance",
+        title="contact forces that bear a load" if thing is None else f"hold {name_object(thing)}",
+        lead=f"{problem.k} contacts, forces {'and moments' if wrench else 'alone'} in balance",
         columns=("contact", "link", "point [mm]", "mu"),
         rows=rows,
         colours=contact_colours(contacts.names),
@@ -214,19 +209,17 @@ def _(problem: ForceProblem) -> _Page:
     )
 
 
-@_page_of.register
+@_make_page.register
 def _(solution: ForceSolution) -> _Page:
     problem = solution.problem
     rows = []
     if solution.found:
-        _, _, used = friction_of(np.tile(np.eye(3), (problem.k, 1, 1)), problem.mu, solution.forces_c[None])
+        _, _, used = split_forces(np.tile(np.eye(3), (problem.k, 1, 1)), problem.mu, solution.forces_c[None])
         rows = [
             (name, f"{normal:.3g}", _share(share))
             for name, normal, share in zip(problem.contacts.names, solution.normal_forces, used[0])
         ]
-    facts = [
-        ("t_I", "" if solution.impact_time is None else f"{solution.impact_time:g} s"),
-    ]
+    facts = [("t_I", "" if solution.impact_time is None else f"{solution.impact_time:g} s")]
     if solution.found:
         left = f"{number(solution.residual_force, 3)} N, {number(solution.residual_moment, 3)} N m"
         facts.append(("left over", left))
@@ -247,17 +240,13 @@ def _(solution: ForceSolution) -> _Page:
     )
 
 
-@_page_of.register
+@_make_page.register
 def _(certificate: Certificate) -> _Page:
-    optimal = certificate.is_optimal()
-    return _Page(
-        title="certificate",
-        badge=("optimal", "yes") if optimal else ("not proven", "caution"),
-        facts=_proof(certificate, None),
-    )
+    badge: tuple[str, Level] = ("optimal", "yes") if certificate.is_optimal() else ("not proven", "caution")
+    return _Page(title="certificate", badge=badge, facts=_proof(certificate, None))
 
 
-@_page_of.register
+@_make_page.register
 def _(simulation: Simulation) -> _Page:
     verdict = simulation.verdict
     rows = [
@@ -287,7 +276,7 @@ def _(simulation: Simulation) -> _Page:
     )
 
 
-@_page_of.register
+@_make_page.register
 def _(plan: CarryPlan) -> _Page:
     colours = contact_colours(plan.contacts, [one.name for one in plan.grasp.hand.fingers])
     peak = int(plan.squeeze.argmax())
@@ -313,7 +302,7 @@ def _(plan: CarryPlan) -> _Page:
             plan.contacts, plan.normal_forces.min(axis=0), plan.normal_forces.max(axis=0), plan.friction_use.max(axis=0)
         )
     ]
-    what = "its object" if plan.grasp.body is None else f"a {in_words(plan.grasp.body)}"
+    what = "its object" if plan.grasp.body is None else f"a {name_object(plan.grasp.body)}"
     bound = "" if plan.lower_bound is None else f"{plan.lower_bound:.4g} s"
     return _Page(
         title=f"{plan.robot.name} carries {what} in {plan.duration:.4g} s",
@@ -333,25 +322,21 @@ def _(plan: CarryPlan) -> _Page:
     )
 
 
-@_page_of.register
+@_make_page.register
 def _(grasp: FoundGrasp) -> _Page:
-    page = _page_of(grasp.closure)
+    page = _make_page(grasp.closure)
     assert page is not None
     page.facts = _worth(grasp)
     return page
 
 
-@_page_of.register
+@_make_page.register
 def _(search: GraspSearch) -> _Page:
-    rows = [
-        (
-            str(i),
-            *(value for _, value in _worth(grasp)),
-            ", ".join(dict.fromkeys(one.finger for one in grasp.closure.contacts())),
-        )
-        for i, grasp in enumerate(search.grasps[:_MANY])
-    ]
-    best = _page_of(search.grasps[0].closure) if search.grasps else None
+    rows = []
+    for i, grasp in enumerate(search.grasps[:_MANY]):
+        fingers = dict.fromkeys(one.finger for one in grasp.closure.contacts())
+        rows.append((str(i), *(value for _, value in _worth(grasp)), ", ".join(fingers)))
+    best = _make_page(search.grasps[0].closure) if search.grasps else None
     return _Page(
         title=f"{len(search.grasps)} grasps",
         badge=None if search.grasps else ("none found", "no"),
@@ -385,10 +370,9 @@ def _proof(certificate: Certificate, contacts: ContactSet | None) -> list[tuple[
     ]
     if contacts is None:
         facts.append(("residual", f"{certificate.residual_norm:.1e} N"))
-        meets = (
-            ("friction", certificate.at_friction),
-            ("least F_n", certificate.at_least),
-            ("largest F_n", certificate.at_most),
+        meets = zip(
+            ("friction", "least F_n", "largest F_n"),
+            (certificate.at_friction, certificate.at_least, certificate.at_most),
         )
         facts += [(f"contacts at their {what} limit", f"{int(np.sum(mask))} of {len(mask)}") for what, mask in meets]
     else:
@@ -414,8 +398,3 @@ def _numbers(values: Array) -> str:
 
 def _millimetres(point: Array) -> str:
     return ", ".join(f"{1e3 * value:.1f}" for value in point.tolist())
-
-
-def _range(values: Array, unit: str) -> str:
-    low, high = float(values.min()), float(values.max())
-    return f"{low:g} {unit}" if low == high else f"{low:g} to {high:g} {unit}"

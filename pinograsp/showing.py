@@ -13,7 +13,7 @@ def in_notebook(self: object) -> str | None:
     """
     try:
         package = importlib.import_module(__name__.partition(".")[0])
-        html: str | None = package.notebook.html_of(self)
+        html: str | None = package.notebook.render_record(self)
         return html
     except Exception:
         return None

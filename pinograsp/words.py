@@ -26,6 +26,8 @@ def fixed(value: float, decimals: int) -> str:
 
 def escaped(text: str, keep: str = "") -> str:
     """Text without what would steer a terminal or turn the direction, but for the characters to ``keep``."""
+    if text.isprintable():
+        return text
     return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode() for c in text)
 
 

@@ -26,7 +26,7 @@ from pinograsp.forces import force_sensitivity
 from pinograsp.handover import jaw_commands, joint_trajectory
 from pinograsp.hands.catalogue import file_of
 from pinograsp.hands.humanoid import humanoid_hand
-from pinograsp.notebook import html_of
+from pinograsp.notebook import render_record
 from pinograsp.plan import PlanRecord
 from pinograsp.planner import plan_best
 from pinograsp.simulation import Disturbance, Errors, Servo, monte_carlo
@@ -215,7 +215,7 @@ def test_the_version_is_that_of_the_package():
 
 def test_a_finger_has_the_colour_that_it_has_in_figures():
     plan = pg.load_case("paper").plan()
-    told = html_of(plan)
+    told = render_record(plan)
     colours = contact_colours(plan.contacts.names, plan.layout.fingers)
     assert len(set(colours)) == 3
     places = [told.index(f"background:{colour}") for colour in colours]

@@ -23,7 +23,7 @@ from pinograsp.simulation import simulate
 from pinograsp.storage import newest_check
 from pinograsp.viz import figures
 from pinograsp.viz.figures import save_figures
-from pinograsp.viz.scene import scene_of
+from pinograsp.viz.scene import make_scene
 from pinograsp.words import fixed, number, printable
 
 CHANGES = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.2}
@@ -292,7 +292,7 @@ def test_figures_show_names_as_they_are(run, tmp_path, no_rendering):
 
 
 def test_friction_used_means_the_same_in_table_figure_and_viewer(run):
-    from pinograsp.viz.scene import scene_of
+    from pinograsp.viz.scene import make_scene
 
     (what, cone), (limit, model) = friction_used(run)
     drawn = figures.friction_use(run).axes[0]
@@ -300,7 +300,7 @@ def test_friction_used_means_the_same_in_table_figure_and_viewer(run):
     assert 100 * np.array(list(cone.values())) == pytest.approx(
         [line.get_ydata()[-1] for line in drawn.get_lines()[:3]], rel=1e-6
     )
-    scene = scene_of(run)
+    scene = make_scene(run)
     assert scene.used[scene.frame_at(scene.closed)] == pytest.approx(list(cone.values()), rel=1e-6)
     assert limit == "of the pyramid" and list(model.values()) == run.margins.friction_used.tolist()
     told, facts = dict(list_results(run)), dict(scene.facts)
@@ -338,10 +338,10 @@ def test_advice_that_was_taken_is_not_given_again(run):
     for safety, closed, advice in ((1.0, True, True), (1.3, True, False), (1.3, False, False), (1.0, False, False)):
         told = disturbance_held(replace(margins, force_closure=closed), safety)
         assert ("safety factor above 1" in told) == advice and ("no force closure" in told) != closed
-    from pinograsp.viz.scene import scene_of
+    from pinograsp.viz.scene import make_scene
 
     slipping = replace(run.margins, slip_distance=np.full(3, -1e-14))
-    assert dict(scene_of(replace(run, margins=slipping)).facts)["least slip margin"] == "0 N"
+    assert dict(make_scene(replace(run, margins=slipping)).facts)["least slip margin"] == "0 N"
 
 
 def drawn(figure: Figure) -> Figure:
@@ -369,7 +369,7 @@ def test_figures_can_be_read(run):
 
 
 def test_a_finger_has_the_same_colour_in_every_figure(run):
-    colours = dict(zip(run.contacts.names, scene_of(run).colours))
+    colours = dict(zip(run.contacts.names, make_scene(run).colours))
     for figure in (figures.contact_forces(run), figures.grasp_energy(run), figures.friction_use(run)):
         for axes in figure.axes:
             lines = {line.get_label(): line.get_color() for line in axes.lines}
@@ -460,7 +460,7 @@ def records_of(thing, found: dict) -> dict:
 
 
 def test_records_print_on_a_few_lines(hand, cylinder):
-    from pinograsp.viz.scene import scene_of
+    from pinograsp.viz.scene import make_scene
 
     case = pg.load_case("paper", {**CHANGES, "motion.time_step": 0.02})
     plan = case.plan()
@@ -471,7 +471,7 @@ def test_records_print_on_a_few_lines(hand, cylinder):
         plan,
         closure,
         simulation,
-        scene_of(plan),
+        make_scene(plan),
         pg.grasp_margins(plan.solution),
         plan.with_margins().margins,
         joint_trajectory(plan, rate=50),

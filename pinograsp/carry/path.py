@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline, CubicSpline, PPoly
 from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, one_of, path_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.handover import JointTrajectory, read_ros2
-from pinograsp.handover.reading import read_table, trajectory_of
+from pinograsp.handover.reading import make_trajectory, read_table
 from pinograsp.spatial import Array
 
 _JUMP = 1e-6  # of a slope, over the largest, that is one
@@ -168,7 +168,7 @@ class ArmPath:
             return cls.of(read_ros2(file))
         header, values = read_table(file)
         if any(name.endswith("/position") for name in header):
-            return cls.of(trajectory_of(file, header, values))
+            return cls.of(make_trajectory(file, header, values))
         columns = dict(zip((name.strip() for name in header), values.T))
         if len(columns) < len(header):
             raise InvalidInput(f"'{file}': expected each joint once, got {', '.join(header[:9])[:300]}")

@@ -236,9 +236,9 @@ class CarryPlan:
     def show(self, *, port: int = 8080, open_browser: bool = True) -> Viewer:
         """Open a live page on which the arm moves and the hand holds; see :func:`pinograsp.viz.viewer.view`."""
         from pinograsp.carry.scene import carry_scene
-        from pinograsp.viz.viewer import opened
+        from pinograsp.viz.viewer import open_viewer
 
-        return opened(carry_scene(self), port=port, open_browser=open_browser)
+        return open_viewer(carry_scene(self), port=port, open_browser=open_browser)
 
     def save_html(self, path: str | Path) -> Path:
         """Write such a page as one file that needs no server and no network; returns its path."""

@@ -13,10 +13,10 @@ from pinograsp.handover.quintic import interpolate
 from pinograsp.plan.answer import Answer, friction_model
 from pinograsp.spatial import Array
 from pinograsp.viz import carried
-from pinograsp.viz.scene import THICKNESS, Phase, ViewScene, busy, friction_of, in_words
+from pinograsp.viz.scene import THICKNESS, Phase, ViewScene, list_busy_joints, name_object, split_forces
 from pinograsp.viz.scene_meshes import friction_cone
-from pinograsp.viz.solids import Links, sevens, solids_of
-from pinograsp.viz.stage import Held, Stage, scale_of
+from pinograsp.viz.solids import Links, make_solids, to_sevens
+from pinograsp.viz.stage import Held, Stage, choose_scale
 from pinograsp.viz.style import contact_colours
 from pinograsp.words import number
 
@@ -87,10 +87,10 @@ def carry_scene(plan: Shown) -> ViewScene:
     q = np.tile(held.posture, (len(times), 1))
     q[:, held.moving(plan.path)] = plan.path.at(plan.timing.at(times).s).q
     axes = held.axes(q)
-    planned = sevens(body.pose)
+    planned = to_sevens(body.pose)
     colours = contact_colours(contacts.names, grasp.layout.fingers)
     links = Links(robot)
-    solids, unseen = solids_of(robot, body, links, dict(zip(contacts.links, colours)))
+    solids, unseen = make_solids(robot, body, links, dict(zip(contacts.links, colours)))
     link_poses, middle = links.poses(q), len(times) // 2
     turn, shift = axes[middle, :3, :3], axes[middle, :3, 3]
     stage = Stage(
@@ -102,19 +102,19 @@ def carry_scene(plan: Shown) -> ViewScene:
         ),
         solids,
         link_poses,
-        sevens(axes @ body.pose),
+        to_sevens(axes @ body.pose),
         middle,
     )
     centre, extent = stage.frame()
     forces, loads = _interpolate(plan, times, plan.forces_o), _interpolate(plan, times, plan.loads)[:, :3]
     torques, size = _interpolate(plan, times, plan.torques), _DETAIL * stage.size
-    normal, tangential, used = friction_of(contacts.rotations_oc, grasp.friction.mu, forces)
+    normal, tangential, used = split_forces(contacts.rotations_oc, grasp.friction.mu, forces)
     interval = np.clip(np.searchsorted(plan.times, times, side="right") - 1, 0, len(plan.binding) - 1)
     binding = [plan.binding[i] for i in interval.tolist()]
     fingers = {"arm": tuple(held.arm.tolist())} | {one.name: tuple(one.dofs.tolist()) for one in robot.fingers}
     largest = np.linalg.norm(np.concatenate([forces, loads[:, None]], axis=1), axis=2).max()
     return ViewScene(
-        title=f"{robot.name} carries a {in_words(body)}",
+        title=f"{robot.name} carries a {name_object(body)}",
         subtitle=f"{robot.n} joints, {len(plan.path.joints)} of them move; {len(contacts.names)} contacts",
         answer=Answer("caution" if plan.notes else "yes", _write_answer(plan)),
         status=f"within all limits, {100 * plan.reserve:g} % of them kept free",
@@ -132,7 +132,7 @@ def carry_scene(plan: Shown) -> ViewScene:
         solids=solids,
         link_poses=link_poses,
         object_pose=planned,
-        carried=sevens(axes),
+        carried=to_sevens(axes),
         contacts=contacts.names,
         colours=colours,
         points_o=contacts.points_o,
@@ -147,12 +147,12 @@ def carry_scene(plan: Shown) -> ViewScene:
         load_o=loads,
         com_o=contacts.com_o,
         joints=robot.joint_names,
-        fingers=busy(fingers, q, torques),
+        fingers=list_busy_joints(fingers, q, torques),
         sliding=robot.slides,
         q=q,
         torques=torques,
         limits=plan.torque_limits,
-        force_scale=scale_of(size, float(largest)),
+        force_scale=choose_scale(size, float(largest)),
         up=stage.up,
         ground=stage.ground,
         centre=centre,

@@ -226,3 +226,30 @@ def load_factor(margins: PlanMargins) -> str:
     """The load that the normal forces hold."""
     held = margins.load_factor
     return f"{held:.3g} times the load" if np.isfinite(held) else "any multiple of the load"
+
+
+def list_forces(plan: PlanRecord) -> list[tuple[str, str]]:
+    """What the forces cost and leave over, as pairs of a name and a value with its unit."""
+    forces = plan.forces
+    return [
+        ("grasp energy (work)", work(plan)),
+        ("net force, net moment", f"{forces.residual_force:.2e} N, {forces.residual_moment:.2e} N m"),
+        ("largest penetration", f"{1e3 * forces.final_depths.max():.3f} mm"),
+        ("peak joint effort", plan.peak_efforts()),
+    ]
+
+
+def list_margins(plan: PlanRecord) -> list[tuple[str, str]]:
+    """What the grasp bears besides its load with these normal forces, likewise."""
+    margins = plan.require_margins()
+    closure = "force closure" if margins.force_closure else "no force closure"
+    quality = (
+        f"{closure}, Ferrari-Canny epsilon {number(margins.ferrari_canny, 3)}, "
+        f"smallest singular value {number(margins.min_singular_value, 3)}"
+    )
+    return [
+        *((what, shares(values)) for what, values in friction_used(plan)),
+        ("load held by these forces", load_factor(margins)),
+        ("disturbance held besides", disturbance_held(margins, plan.friction.safety)),
+        ("grasp", quality),
+    ]

@@ -10,13 +10,13 @@ from pinograsp.pages import LONGEST
 from pinograsp.plan import ComparisonRow, PlanRecord, Simulation
 from pinograsp.plan.answer import (
     bears,
-    disturbance_held,
     does_it_hold,
     friction_model,
     friction_used,
+    list_forces,
+    list_margins,
     load_factor,
     planned_reserve,
-    shares,
     where_the_hand_is,
     work,
 )
@@ -106,14 +106,12 @@ def list_details(plan: PlanRecord) -> list[tuple[str, str]]:
         ("hand", where_the_hand_is(plan) or "placed as the plan's poses tell"),
         ("impact time t_I", f"{forces.impact_time:g} s"),
         ("multipliers k1, k2", multipliers),
-        ("grasp energy (work)", work(plan)),
+        *list_forces(plan),
         ("grasp energy (impulse)", f"{forces.impulse:.4f} N s by Eq. (11)"),
-        ("net force, net moment", f"{forces.residual_force:.2e} N, {forces.residual_moment:.2e} N m"),
-        ("largest penetration", f"{1e3 * forces.final_depths.max():.3f} mm"),
-        ("peak joint effort", plan.peak_efforts()),
         ("postures tried", ", ".join(f"{name} {count}" for name, count in motion.postures.items())),
         *_proof(plan),
-        *_safety(plan),
+        *list_margins(plan),
+        *_on_other_contacts(plan),
         ("planning time", f"{sum(plan.elapsed.values()):.3f} s"),
     ]
     return [(printable(what), printable(value, LONGEST)) for what, value in lines]
@@ -134,23 +132,6 @@ def _proof(plan: PlanRecord) -> list[tuple[str, str]]:
     gap = f"{where}no forces cost less than {number(certificate.lower_bound, 7)} "
     gap += f"(ours {number(certificate.objective, 7)}), gap {certificate.relative_gap:.1e}"
     return [("proven", gap), ("active limits", "; ".join(certificate.active) or "none")]
-
-
-def _safety(plan: PlanRecord) -> list[tuple[str, str]]:
-    """The margins: what the grasp bears besides its load with these normal forces."""
-    margins = plan.require_margins()
-    closure = "force closure" if margins.force_closure else "no force closure"
-    quality = (
-        f"{closure}, Ferrari-Canny epsilon {number(margins.ferrari_canny, 3)}, "
-        f"smallest singular value {number(margins.min_singular_value, 3)}"
-    )
-    return [
-        *((what, shares(values)) for what, values in friction_used(plan)),
-        ("load held by these forces", load_factor(margins)),
-        ("disturbance held besides", disturbance_held(margins, plan.friction.safety)),
-        ("grasp", quality),
-        *_on_other_contacts(plan),
-    ]
 
 
 def _on_other_contacts(plan: PlanRecord) -> list[tuple[str, str]]:

@@ -51,7 +51,7 @@ def free_port(host: str, port: int) -> int:
     )
 
 
-def welcome(host: str, hosts: list[str], origins: list[str]) -> bool:
+def is_welcome(host: str, hosts: list[str], origins: list[str]) -> bool:
     """Whether a server that listens on ``host`` may answer a request with these headers ``Host`` and ``Origin``.
 
     Only this machine's own names are accepted: an attacker's name may resolve to this machine (DNS rebinding).
@@ -84,7 +84,7 @@ def _loopback(host: str) -> bool:
 
 
 @contextlib.contextmanager
-def guarded(host: str) -> Iterator[None]:
+def guard_server(host: str) -> Iterator[None]:
     """A viser server that starts within this context refuses requests that are not :func:`welcome`."""
     from websockets.asyncio import server
 
@@ -100,7 +100,7 @@ def guarded(host: str) -> Iterator[None]:
             return serve(handler, *args, process_request=process_request, **settings)
 
         def process(connection: ServerConnection, request: Request) -> Awaitable[Response | None] | Response | None:
-            if not welcome(host, request.headers.get_all("Host"), request.headers.get_all("Origin")):
+            if not is_welcome(host, request.headers.get_all("Host"), request.headers.get_all("Origin")):
                 return connection.respond(HTTPStatus.FORBIDDEN, "This page answers to its own address alone.\n")
             return None if process_request is None else process_request(connection, request)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 from typing import Literal, Protocol
@@ -21,9 +22,10 @@ from pinograsp.viz.style import (
     contact_colours,
     finger_colours,
     grid,
-    label_of,
     legend_above,
+    make_label,
     ranks,
+    save_all,
     shades,
 )
 
@@ -135,7 +137,7 @@ def path_speed(plan: Carried) -> Figure:
         gaps = np.zeros((inside.sum(), 3), dtype=bool)
         gaps[:, 2] = ~np.append(inside, False)[1:][inside]
         x, y = np.where(gaps.ravel(), np.nan, x), np.where(gaps.ravel(), np.nan, y)
-        label = f"{label_of(what)}, {_percent(share)} of the time"
+        label = f"{make_label(what)}, {_percent(share)} of the time"
         axes.plot(x, y, color=colour, linewidth=3.0, solid_capstyle="butt", label=label)
     top = float(min(plan.limit.max(), _TALLEST * speed.max()))
     axes.set(xlabel="path parameter s [-]", ylabel="path speed ds/dt [1/s]", xlim=(0, 1), ylim=(0, 1.06 * top))
@@ -223,17 +225,13 @@ def arm_motion(plan: Carried) -> Figure:
 def save_carry_figures(plan: Carried, folder: str | Path) -> list[Path]:
     """Write all of these as PNG files into an existing folder; returns their paths."""
     figures = {
-        "carry_speed": path_speed(plan),
-        "carry_forces": normal_forces(plan),
-        "carry_friction": friction_use(plan),
-        "carry_torques": torque_shares(plan),
-        "carry_motion": arm_motion(plan),
+        "carry_speed.png": path_speed,
+        "carry_forces.png": normal_forces,
+        "carry_friction.png": friction_use,
+        "carry_torques.png": torque_shares,
+        "carry_motion.png": arm_motion,
     }
-    paths = []
-    for name, figure in figures.items():
-        paths.append(Path(folder) / f"{name}.png")
-        figure.savefig(paths[-1], dpi=130)
-    return paths
+    return save_all({name: partial(figure, plan) for name, figure in figures.items()}, folder)
 
 
 def _fingers(plan: Carried) -> IntArray:
@@ -249,7 +247,7 @@ def _contacts(axes: Axes, plan: Carried, values: Array) -> None:
     for i, (name, rank) in enumerate(zip(plan.contacts, ranks(colours))):
         width = 1.2 + 1.4 * (1 - (i + 1) / len(plan.contacts))
         style = ("-", "-.", ":")[rank % 3]
-        axes.plot(plan.instants, values[:, i], style, color=colours[i], linewidth=width, label=label_of(name))
+        axes.plot(plan.instants, values[:, i], style, color=colours[i], linewidth=width, label=make_label(name))
 
 
 def _colours(plan: Carried) -> tuple[str, ...]:
@@ -278,7 +276,13 @@ def _joints(axes: Axes, plan: Carried, dofs: IntArray, values: Array) -> None:
         if i in named:
             name = plan.robot.joint_names[joint]
             axes.plot(
-                plan.instants, column, next(styles), color=colours[name], linewidth=1.6, label=label_of(name), zorder=3
+                plan.instants,
+                column,
+                next(styles),
+                color=colours[name],
+                linewidth=1.6,
+                label=make_label(name),
+                zorder=3,
             )
         else:
             axes.plot(plan.instants, column, color=_OTHERS, linewidth=0.8, label=others)

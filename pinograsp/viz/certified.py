@@ -11,7 +11,7 @@ import numpy as np
 
 from pinograsp.checks import path_of
 from pinograsp.errors import InvalidInput
-from pinograsp.viz.style import COLOURS, SUFFIXES, NotebookFigure, content_of
+from pinograsp.viz.style import COLOURS, SUFFIXES, NotebookFigure, encode_figure
 from pinograsp.writing import write_file
 
 _MOST = 20  # objects with a box of their own
@@ -77,4 +77,4 @@ def certified_picture(columns: Mapping[str, Sequence[Any]], path: str | Path) ->
     held = sum(reason == "held" for reason, _, _ in rows)
     more = f"; the {_MOST} objects with the most of {len(names)}" if len(names) > _MOST else ""
     figure.suptitle(f"{held} of {len(rows)} grasps hold{more}", fontsize=11)
-    return write_file(path, content_of(figure, kind[1:]))
+    return write_file(path, encode_figure(figure, kind[1:]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from pinograsp.checks import instance_of
 from pinograsp.plan import Simulation
 from pinograsp.viz.figures import note
-from pinograsp.viz.style import COLOURS, NotebookFigure, contact_colours, grid, label_of, legend_above
+from pinograsp.viz.style import COLOURS, NotebookFigure, contact_colours, grid, legend_above, make_label, save_all
 
 
 def _hold(axes: Axes, simulation: Simulation) -> None:
@@ -30,9 +31,11 @@ def forces_beside_plan(simulation: Simulation) -> Figure:
     force, depth = figure.subplots(1, 2)
     times, drawn = simulation.times, simulation.times >= _first_touch(simulation)
     for i, (part, colour) in enumerate(zip(simulation.parts, contact_colours(simulation.parts))):
-        force.plot(times[drawn], simulation.normal_forces[drawn, i], color=colour, linewidth=1.6, label=label_of(part))
+        force.plot(
+            times[drawn], simulation.normal_forces[drawn, i], color=colour, linewidth=1.6, label=make_label(part)
+        )
         force.axhline(simulation.planned_forces[i], color=colour, linestyle="--", linewidth=1.0)
-        depth.plot(times[drawn], 1e3 * simulation.depths[drawn, i], color=colour, linewidth=1.6, label=label_of(part))
+        depth.plot(times[drawn], 1e3 * simulation.depths[drawn, i], color=colour, linewidth=1.6, label=make_label(part))
     force.set(ylabel="normal force [N], planned: dashed")
     depth.set(ylabel="penetration depth [mm]")
     for axes in (force, depth):
@@ -59,7 +62,7 @@ def object_motion(simulation: Simulation) -> Figure:
             1e3 * (simulation.slips[start:, i] - simulation.slips[start, i]),
             color=colour,
             linewidth=1.4,
-            label=label_of(part),
+            label=make_label(part),
         )
     slip.set(ylabel="slip since then [mm]")
     for axes in (drift, slip):
@@ -103,9 +106,5 @@ def _first_touch(simulation: Simulation) -> float:
 
 def save_check_figures(simulation: Simulation, folder: str | Path) -> list[Path]:
     """Write the figures of a simulation as PNG files; returns their paths."""
-    figures = {"forces": forces_beside_plan, "object": object_motion, "energy": energy_audit}
-    paths = []
-    for name, figure in figures.items():
-        paths.append(Path(folder) / f"{name}.png")
-        figure(simulation).savefig(paths[-1], dpi=130)
-    return paths
+    figures = {"forces.png": forces_beside_plan, "object.png": object_motion, "energy.png": energy_audit}
+    return save_all({name: partial(figure, simulation) for name, figure in figures.items()}, folder)

@@ -22,9 +22,10 @@ from pinograsp.viz.style import (
     contact_colours,
     finger_colours,
     grid,
-    label_of,
     legend_above,
+    make_label,
     ranks,
+    save_all,
     shades,
 )
 
@@ -38,14 +39,14 @@ def _contact_lines(axes: Axes, plan: PlanRecord, times: Array, values: Array) ->
     names = plan.contacts.names
     colours = contact_colours(names, plan.layout.fingers)
     for i, (name, rank) in enumerate(zip(names, ranks(colours))):
-        axes.plot(times, values[:, i], _STYLES[rank % 4], color=colours[i], linewidth=1.6, label=label_of(name))
+        axes.plot(times, values[:, i], _STYLES[rank % 4], color=colours[i], linewidth=1.6, label=make_label(name))
 
 
 def _joint_lines(axes: Axes, plan: PlanRecord, finger: str, times: Array, values: Array) -> None:
     """Values of a finger's joints over time (m, joints), from base to tip, in shades of its colour."""
     names = [plan.layout.joints[i] for i in plan.layout.fingers[finger]]
     for i, (name, shade) in enumerate(zip(names, shades(_colour(plan, finger), len(names)))):
-        axes.plot(times, values[:, i], _STYLES[i % 4], color=shade, linewidth=1.6, label=label_of(name))
+        axes.plot(times, values[:, i], _STYLES[i % 4], color=shade, linewidth=1.6, label=make_label(name))
 
 
 def _colour(plan: PlanRecord, finger: str) -> str:
@@ -100,7 +101,7 @@ def _per_finger(plan: PlanRecord, values: Array, ylabel: str) -> Figure:
         _joint_lines(axes, plan, name, plan.motion.times, values[:, plan.layout.fingers[name]])
         _phases(axes, plan)
         axes.set_ylabel(ylabel)
-        legend_above(axes, 2, label_of(name), _colour(plan, name))
+        legend_above(axes, 2, make_label(name), _colour(plan, name))
     return figure
 
 
@@ -128,7 +129,7 @@ def joint_torques(plan: PlanRecord, finger: str) -> Figure:
     slides = plan.hand is not None and plan.hand.slides[list(dofs)].all()
     what, unit = ("force", "N") if slides else ("torque", "N m")
     complete.set_ylabel(f"{what} [{unit}]")
-    legend_above(complete, 3, label_of(finger), _colour(plan, finger))
+    legend_above(complete, 3, make_label(finger), _colour(plan, finger))
     _joint_lines(early, plan, finger, times[: impact + 1], 1e3 * torques[: impact + 1])
     grid(early)
     early.set(xlabel="time [s]", ylabel=f"{what} in the approach [m{unit}]", xlim=(0, times[impact]))
@@ -273,14 +274,14 @@ def search_over_time(plan: PlanRecord) -> Figure:
             label="no forces in this interval",
         )
     bounds.plot(plan.forces.impact_time, scale * certificate.objective, "o", color="black", label="found")
-    bounds.set(xlabel="impact time t_I [s]", ylabel=f"{label_of(plan.measure)} [{unit}]")
+    bounds.set(xlabel="impact time t_I [s]", ylabel=f"{make_label(plan.measure)} [{unit}]")
     steps = np.arange(1, len(best) + 1)
     known = np.isfinite(best)
     told = f"best found (gap {certificate.relative_gap:.0e})"
     gap.step(steps[known], best[known], where="post", color="black", linewidth=1.6, label=told)
     floor = scale * certificate.lower_bound
     gap.axhline(floor, color="0.5", linewidth=1.4, linestyle="--", label="final lower bound")
-    gap.set(xlabel="intervals searched", ylabel=f"{label_of(plan.measure)} [{unit}]")
+    gap.set(xlabel="intervals searched", ylabel=f"{make_label(plan.measure)} [{unit}]")
     for axes in (bounds, gap):
         grid(axes)
         legend_above(axes, 2)
@@ -307,7 +308,7 @@ def sweep_map(columns: Mapping[str, Iterable[object]], value: str, x: str, y: st
     if y is None:
         order = np.argsort(across)
         axes.plot(across[order], values[order], "o-", color=_NEUTRAL, linewidth=1.4, markersize=4)
-        axes.set(xlabel=label_of(x), ylabel=label_of(value))
+        axes.set(xlabel=make_label(x), ylabel=make_label(value))
         grid(axes)
         return figure
     up = array_of(f"column '{y}'", columns[y], values.shape)
@@ -316,8 +317,8 @@ def sweep_map(columns: Mapping[str, Iterable[object]], value: str, x: str, y: st
     cells[np.searchsorted(ys, up), np.searchsorted(xs, across)] = values
     drawn = axes.pcolormesh(xs, ys, np.ma.masked_invalid(cells), cmap="cividis", shading="nearest")
     axes.set_facecolor("0.85")
-    figure.colorbar(drawn, ax=axes, label=label_of(value))
-    axes.set(xlabel=label_of(x), ylabel=label_of(y), title="grey: no grasp")
+    figure.colorbar(drawn, ax=axes, label=make_label(value))
+    axes.set(xlabel=make_label(x), ylabel=make_label(y), title="grey: no grasp")
     return figure
 
 
@@ -353,8 +354,4 @@ def figure_files(plan: PlanRecord) -> list[str]:
 
 def save_figures(plan: PlanRecord, folder: str | Path) -> list[Path]:
     """Write all figures of a plan as PNG files, and a picture of it where it has its hand; returns their paths."""
-    paths = []
-    for name, drawn in _figures(instance_of("plan", plan, PlanRecord)).items():
-        paths.append(Path(folder) / name)
-        drawn().savefig(paths[-1], dpi=130)
-    return paths
+    return save_all(_figures(instance_of("plan", plan, PlanRecord)), folder)

@@ -20,7 +20,7 @@ from pinograsp.checks import flag, number, path_of
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.spatial import IntArray
 from pinograsp.viz.scene import ViewScene
-from pinograsp.viz.still import Sheet, camera_of, draw
+from pinograsp.viz.still import Sheet, draw, find_camera
 from pinograsp.writing import write_file
 
 _SHEETS = {
@@ -70,9 +70,9 @@ def write_film(
         raise InvalidInput(f"seconds: expected 0.5 to {_LONGEST:g} s, got {seconds:g}")
     program = _ffmpeg() if kind == ".mp4" else ""
     sheet, rate = _SHEETS[kind], _RATES[kind]
-    frames = shown(scene, round(rate * seconds))
+    frames = choose_frames(scene, round(rate * seconds))
     seen = frames[np.linspace(0, len(frames) - 1, _SEEN).astype(int)]
-    camera = camera_of(scene, view, np.unique(seen).tolist(), sheet)
+    camera = find_camera(scene, view, np.unique(seen).tolist(), sheet)
     figure = sheet.figure()
     bar = tqdm(total=len(frames), desc=path.name, unit="picture", disable=None if progress is None else not progress)
 
@@ -98,7 +98,7 @@ def _image_of(figure: Figure, sheet: Sheet) -> Image.Image:
     return Image.frombytes("RGBA", (sheet.width, sheet.height), content.getvalue()).convert("RGB")
 
 
-def shown(scene: ViewScene, count: int) -> IntArray:
+def choose_frames(scene: ViewScene, count: int) -> IntArray:
     """Which instants ``count`` pictures show; the last one stays."""
     last = len(scene.times) - 1
     stops = [0, scene.frame_at(scene.touch), scene.frame_at(scene.closed), last]

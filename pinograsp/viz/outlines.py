@@ -11,7 +11,7 @@ from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull, QhullError
 
 from pinograsp.spatial import Array, BoolArray
-from pinograsp.viz.scene_meshes import ball, rgb
+from pinograsp.viz.scene_meshes import WIDE, ball, rgb, span_arrow
 
 # Places (n, 3) [m] to pixels across and down, and the inverse of the depth (n, 3); and which of them are hidden (n,).
 Project: TypeAlias = Callable[[Array], Array]
@@ -19,7 +19,6 @@ Hidden: TypeAlias = Callable[[Array], BoolArray]
 
 _PIECES = 40  # along a shaft, of which each is seen or hidden
 _AROUND = 24  # corners of a circle
-_HEAD, _WIDE = 5.0, 2.3  # length and radius of an arrow's head over the shaft's radius
 _LIGHT = (0.45, 0.35)  # a brighter strip: its width and how far it is off the middle, over the shaft's radius
 
 
@@ -34,19 +33,14 @@ def draw_arrow(
     axes: Axes, project: Project, hidden: Hidden, ends: Array, width: float, colour: str, pale: float
 ) -> None:
     """An arrow between two places (2, 3) [m] with a shaft of radius ``width``, its hidden parts of opacity ``pale``."""
-    along = ends[1] - ends[0]
-    length = float(np.linalg.norm(along))
-    if length < 1e-5:
+    if (span := span_arrow(ends[1] - ends[0], width)) is None:
         return
-    z = along / length
-    x = np.cross([1.0, 0.0, 0.0] if abs(z[0]) < 0.8 else [0.0, 1.0, 0.0], z)
-    x /= np.linalg.norm(x)
+    (x, y, z), length, tip = span
     angle = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)[:, None]
-    circle = np.cos(angle) * x + np.sin(angle) * np.cross(z, x)
-    tip = min(_HEAD * width, 0.6 * length)
+    circle = np.cos(angle) * x + np.sin(angle) * y
     cuts = np.linspace(0.0, length - tip, _PIECES + 1)
     behind = hidden(ends[0] + np.outer((cuts[1:] + cuts[:-1]) / 2, z))
-    head = np.vstack([_WIDE * width * circle + ends[0] + (length - tip) * z, ends[1]])
+    head = np.vstack([WIDE * width * circle + ends[0] + (length - tip) * z, ends[1]])
     parts = [(head, bool(hidden((ends[0] + (length - 0.7 * tip) * z)[None])[0]), False)]
     first = np.flatnonzero(np.r_[True, behind[1:] != behind[:-1]])
     for start, stop in zip(first, [*first[1:], _PIECES]):

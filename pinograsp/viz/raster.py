@@ -77,7 +77,7 @@ class Layer(NamedTuple):
         return drawn
 
 
-def fitted(cloud: Array, axes: Array, slope: float, room: tuple[float, float], size: tuple[int, int]) -> Camera:
+def fit_camera(cloud: Array, axes: Array, slope: float, room: tuple[float, float], size: tuple[int, int]) -> Camera:
     """A camera with these axes (3, 3) that sees all of a cloud (n, 3) [m].
 
     Args:
@@ -95,7 +95,7 @@ def fitted(cloud: Array, axes: Array, slope: float, room: tuple[float, float], s
     return Camera(centre @ axes + distance * axes[2], axes, height / 2 / slope, width, height)
 
 
-def overlaid(image: Array, hand: Layer, thing: Layer, forces: Layer, clear: float, hidden: float) -> None:
+def overlay(image: Array, hand: Layer, thing: Layer, forces: Layer, clear: float, hidden: float) -> None:
     """Draw a translucent object and forces into a picture (h, w, 3) of the hand.
 
     ``clear``: opacity of the object where it faces the camera; ``hidden``: of forces behind the hand.
@@ -107,14 +107,14 @@ def overlaid(image: Array, hand: Layer, thing: Layer, forces: Layer, clear: floa
     image[forces.drawn] = (1 - opacity) * image[forces.drawn] + opacity * forces.colour[forces.drawn]
 
 
-def averaged(image: Array, finer: int) -> Array:
+def average_blocks(image: Array, finer: int) -> Array:
     """Blocks of ``finer`` pixels along either side as one, of a picture (h, w, 3)."""
     h, w, _ = image.shape
     smooth: Array = image.reshape(h // finer, finer, w // finer, finer, 3).mean(axis=(1, 3))
     return smooth
 
 
-def rendered(surfaces: Sequence[Surface], camera: Camera, up: Array) -> Layer:
+def render_surfaces(surfaces: Sequence[Surface], camera: Camera, up: Array) -> Layer:
     """The nearest surface at every pixel, shaded; ``up``: against gravity (3,)."""
     size = camera.shape[0] * camera.shape[1]
     near, which, weights = np.zeros(size), np.full(size, -1), np.zeros((size, 3))

@@ -11,25 +11,22 @@ from scipy.spatial.transform import Rotation
 
 from pinograsp.checks import brief, instance_of
 from pinograsp.errors import InvalidInput
-from pinograsp.hands.model import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.plan import Motion, PlanRecord, Simulation
 from pinograsp.plan.answer import (
     Answer,
     bears,
-    disturbance_held,
     does_it_hold,
     friction_model,
-    friction_used,
-    load_factor,
+    list_forces,
+    list_margins,
     planned_reserve,
-    shares,
-    work,
 )
 from pinograsp.spatial import Array, BoolArray, IntArray
 from pinograsp.viz.scene_meshes import Triangles, friction_cone
-from pinograsp.viz.solids import Links, Solid, sevens, solids_of
-from pinograsp.viz.stage import Held, Stage, scale_of
+from pinograsp.viz.simulated import Simulated, sample_simulation
+from pinograsp.viz.solids import Links, Solid, make_solids, to_sevens
+from pinograsp.viz.stage import Held, Stage, choose_scale
 from pinograsp.viz.style import contact_colours
 from pinograsp.words import number
 
@@ -45,49 +42,6 @@ class Phase(NamedTuple):
     name: str
     first: int
     last: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Simulated:
-    """A simulation of the plan at the scene's f instants.
-
-    Attributes:
-        held: whether the object stayed in the hand.
-        reason: why, in words.
-        release: when the object was let go [s]; None: never.
-        link_poses: position [m] and quaternion w, x, y, z (f, l, 7).
-        object_poses: likewise (f, 7).
-        parts: of the hand that touch (p).
-        planned: F_n at t_F (p,) [N].
-        normal_forces: (f, p) [N].
-        forces_o: (f, p, 3) [N].
-        points_b: points at which the forces are drawn, in the body frame (p, 3) [m]: the mean of a part's planned
-            contacts; NaN: unknown.
-        drift: of the object since t_F (f,) [m].
-        beside: shift that places the simulation beside the plan (3,) [m].
-    """
-
-    held: bool
-    reason: str
-    release: float | None
-    link_poses: Array
-    object_poses: Array
-    parts: tuple[str, ...]
-    planned: Array
-    normal_forces: Array
-    forces_o: Array
-    points_b: Array
-    drift: Array
-    beside: Array
-
-    __repr__ = brief()
-
-    def arrows(self, frame: int, scale: float) -> Array:
-        """Start and end of the forces' arrows (p, 2, 3) [m] at ``scale`` [m/N]; at unknown points without length."""
-        pose = self.object_poses[frame]
-        known: BoolArray = np.all(np.isfinite(self.points_b), axis=1, keepdims=True)
-        start: Array = Rotation.from_quat(pose[[4, 5, 6, 3]]).apply(np.where(known, self.points_b, 0.0)) + pose[:3]
-        return np.stack([start, start + scale * np.where(known, self.forces_o[frame], 0.0)], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -240,7 +194,7 @@ class ViewScene:
         return self.colours[self.contacts.index(part)] if part in self.contacts else contact_colours([part])[0]
 
 
-def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScene:
+def make_scene(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScene:
     """The scene of a plan, with a simulation of it.
 
     Raises:
@@ -256,8 +210,8 @@ def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScen
     times, at = _instants(motion, simulation)
     links = Links(hand)
     colours = contact_colours(contacts.names, plan.layout.fingers)
-    solids, unseen = solids_of(hand, body, links, dict(zip(contacts.links, colours)))
-    link_poses, object_pose = links.poses(motion.q[at]), None if body is None else sevens(body.pose)
+    solids, unseen = make_solids(hand, body, links, dict(zip(contacts.links, colours)))
+    link_poses, object_pose = links.poses(motion.q[at]), None if body is None else to_sevens(body.pose)
     stage = Stage(
         Held(plan.gravity_o, contacts.points_o, contacts.rotations_oc[:, :, 2], contacts.com_o),
         solids,
@@ -267,21 +221,21 @@ def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScen
     largest = float(np.linalg.norm(np.vstack([motion.forces_o[-1], plan.load[:3]]), axis=1).max())
     simulated = None
     if simulation is not None:
-        simulated = _simulated(plan, simulation, times, links, hand, stage.beside)
+        simulated = sample_simulation(plan, simulation, times, links, stage.beside)
         stage.add(simulated.beside)
-    normal, tangential, used = friction_of(contacts.rotations_oc, plan.friction.mu, motion.forces_o[at])
+    normal, tangential, used = split_forces(contacts.rotations_oc, plan.friction.mu, motion.forces_o[at])
     held, height = times > motion.times[-1], 0.16 * stage.size
     q, torques = motion.q[at], np.where(held[:, None], motion.holding_torques, motion.torques[at])
     centre, extent = stage.frame()
     touch, closed = float(motion.times[motion.impact]), float(motion.times[-1])
     return ViewScene(
         title=plan.name,
-        subtitle=f"{hand.name}, {hand.n} joints" + ("" if body is None else f"; {in_words(body)}"),
+        subtitle=f"{hand.name}, {hand.n} joints" + ("" if body is None else f"; {name_object(body)}"),
         answer=does_it_hold(plan, simulation),
         status=str(plan.status),
         remedy=plan.remedy,
         heading="Margins of the grasp",
-        facts=tuple(_facts(plan)),
+        facts=tuple(_list_facts(plan)),
         cautions=plan.cautions,
         unseen=tuple(unseen),
         times=times,
@@ -308,12 +262,12 @@ def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScen
         load_o=np.tile(plan.load[:3], (len(times), 1)),
         com_o=contacts.com_o,
         joints=plan.layout.joints,
-        fingers=busy(plan.layout.fingers, q, torques),
+        fingers=list_busy_joints(plan.layout.fingers, q, torques),
         sliding=hand.slides,
         q=q,
         torques=torques,
         limits=plan.torque_limit,
-        force_scale=scale_of(stage.size, largest),
+        force_scale=choose_scale(stage.size, largest),
         up=stage.up,
         ground=stage.ground,
         centre=centre,
@@ -327,16 +281,16 @@ def scene_of(plan: PlanRecord, simulation: Simulation | None = None) -> ViewScen
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
-def busy(fingers: Mapping[str, tuple[int, ...]], q: Array, torques: Array) -> dict[str, list[int]]:
+def list_busy_joints(fingers: Mapping[str, tuple[int, ...]], q: Array, torques: Array) -> dict[str, list[int]]:
     """Joints by finger, for fingers that move or bear torque; each joint once."""
-    busy: dict[str, list[int]] = {}
+    found: dict[str, list[int]] = {}
     seen: set[int] = set()
     for name, dofs in fingers.items():
         own = [int(i) for i in dofs if i not in seen]
         seen.update(own)
         if own and max(np.ptp(q[:, own], axis=0).max(), np.abs(torques[:, own]).max()) > 1e-6:
-            busy[str(name)] = own
-    return busy
+            found[str(name)] = own
+    return found
 
 
 def _instants(motion: Motion, simulation: Simulation | None) -> tuple[Array, IntArray]:
@@ -371,7 +325,7 @@ def _told(time: float, touch: float, closed: float, simulated: bool) -> str:
 # -- forces ------------------------------------------------------------------------------------------------------------
 
 
-def friction_of(rotations_oc: Array, mu: Array, forces_o: Array) -> tuple[Array, Array, Array]:
+def split_forces(rotations_oc: Array, mu: Array, forces_o: Array) -> tuple[Array, Array, Array]:
     """Normal forces, tangential forces (f, k) [N], and the share of Coulomb's cone, mu F_n, that they use (f, k)."""
     local = np.einsum("kji,fkj->fki", rotations_oc, forces_o)
     normal, tangential = local[..., 2], np.linalg.norm(local[..., :2], axis=2)
@@ -381,68 +335,21 @@ def friction_of(rotations_oc: Array, mu: Array, forces_o: Array) -> tuple[Array,
     return normal, tangential, np.where(pressing & np.isfinite(used), used, np.nan)
 
 
-def _facts(plan: PlanRecord) -> Iterator[tuple[str, str]]:
+def _list_facts(plan: PlanRecord) -> Iterator[tuple[str, str]]:
     """The plan in a few lines: energy, friction, margins."""
-    forces, margins = plan.forces, plan.margins
     yield "balance", {"wrench": "forces and moments", "force": "forces only"}[plan.balance]
     yield "friction", friction_model(plan.friction)
     yield "reserve planned", planned_reserve(plan.reserve)
-    yield "grasp energy (work)", work(plan)
-    if forces.certificate is not None:
-        yield "proven optimal", f"gap {forces.certificate.relative_gap:.1e}"
-    yield "net force, moment", f"{forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m"
-    yield "largest penetration", f"{1e3 * forces.final_depths.max():.3g} mm"
-    yield "peak joint effort", plan.peak_efforts()
-    if margins is not None:
-        for what, values in friction_used(plan):
-            yield what, shares(values)
+    yield from list_forces(plan)
+    if plan.forces.certificate is not None:
+        yield "proven optimal", f"gap {plan.forces.certificate.relative_gap:.1e}"
+    if plan.margins is not None:
         yield "it bears", bears(plan)
-        yield "load held by these forces", load_factor(margins)
-        yield "disturbance held besides", disturbance_held(margins, plan.friction.safety)
-        least = round(float(margins.slip_distance.min()), 6) + 0.0  # -0 becomes 0
+        yield from list_margins(plan)
+        least = round(float(plan.margins.slip_distance.min()), 6) + 0.0  # -0 becomes 0
         yield "least slip margin", f"{number(least, 3)} N"
-        closed = "force closure" if margins.force_closure else "no force closure"
-        yield "grasp", f"{closed}, Ferrari-Canny epsilon {number(margins.ferrari_canny, 3)}"
 
 
-# -- the simulation ----------------------------------------------------------------------------------------------------
-
-
-def _simulated(
-    plan: PlanRecord, simulation: Simulation, times: Array, links: Links, hand: HandModel, beside: Array
-) -> Simulated:
-    at = np.clip(np.searchsorted(simulation.times, times - 1e-9), 0, len(simulation.times) - 1)
-    poses, parts = simulation.object_poses, simulation.parts
-    pose = poses[0] if plan.body is None else plan.body.pose
-    points_b = (plan.contacts.points_o - pose[:3, 3]) @ pose[:3, :3]
-    joints = np.array([_joint(hand, link) for link in plan.contacts.links])
-    where = np.full((len(parts), 3), np.nan)
-    for i, part in enumerate(parts):
-        own = np.array([name == part for name in plan.contacts.names])
-        own = own if own.any() else (joints == _joint(hand, part)) & (joints >= 0)
-        if own.any():
-            where[i] = points_b[own].mean(axis=0)
-    return Simulated(
-        held=simulation.verdict.held,
-        reason=simulation.verdict.reason,
-        release=simulation.release,
-        link_poses=links.poses(simulation.q[at]),
-        object_poses=sevens(poses[at]),
-        parts=parts,
-        planned=simulation.planned_forces,
-        normal_forces=simulation.normal_forces[at],
-        forces_o=simulation.forces_o[at],
-        points_b=where,
-        drift=simulation.drift[at],
-        beside=beside,
-    )
-
-
-def _joint(hand: HandModel, link: str) -> int:
-    """Index of the joint that carries a link; -1: the hand has no such link."""
-    return int(hand.model.frames[hand.frame_id(link)].parentJoint) if hand.model.existFrame(link) else -1
-
-
-def in_words(body: Body) -> str:
+def name_object(body: Body) -> str:
     """An object, for people."""
     return f"{type(body).__name__.lower()} of {body.mass:.4g} kg"

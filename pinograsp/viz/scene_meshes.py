@@ -20,6 +20,11 @@ from pinograsp.viz.style import COLOURS
 PALM, LINK, OBJECT, GHOST = "#7C8794", "#B9C1CA", "#F0E442", "#9DB2C7"
 AXES = (COLOURS[1], COLOURS[2], COLOURS[0])  # x, y, z of the contact frames
 LOAD = "#000000"
+HEAD, WIDE, BALL = (
+    5.0,
+    2.3,
+    1.7,
+)  # length and radius of an arrow's head, and radius of a contact's ball, over the shaft's
 _AROUND = 32  # edges of a circle: smooth at the size of a screen
 _CREASE = np.radians(35.0)  # faces that meet at a larger angle show their edge
 _SAME = 1e-6  # distance at which vertices are merged, relative to the size of the shape
@@ -35,7 +40,7 @@ def rgb(colour: str) -> IntArray:
 # -- shapes -----------------------------------------------------------------------------------------------------------
 
 
-def triangles_of(shape: Any, most: int = 1_000_000) -> Triangles:
+def triangulate(shape: Any, most: int = 1_000_000) -> Triangles:
     """Triangles of a shape of coal in its own frame, with faces outwards.
 
     Vertices at creases are repeated, so that normals averaged over the faces at a vertex give smooth shading and sharp
@@ -47,23 +52,23 @@ def triangles_of(shape: Any, most: int = 1_000_000) -> Triangles:
     """
     kind = type(shape).__name__
     if kind == "Box":
-        return creased(*_box(np.ravel(shape.halfSide)))
+        return split_creases(*_box(np.ravel(shape.halfSide)))
     if kind == "Sphere":
-        return creased(*_lathe(*_arc(shape.radius, 0.0)))
+        return split_creases(*_lathe(*_arc(shape.radius, 0.0)))
     if kind == "Ellipsoid":
-        vertices, faces = creased(*_lathe(*_arc(1.0, 0.0)))
+        vertices, faces = split_creases(*_lathe(*_arc(1.0, 0.0)))
         return vertices * np.ravel(shape.radii), faces
     if kind == "Capsule":
-        return creased(*_lathe(*_arc(shape.radius, shape.halfLength)))
+        return split_creases(*_lathe(*_arc(shape.radius, shape.halfLength)))
     if kind == "Cylinder":
         r, h = shape.radius, shape.halfLength
-        return creased(*_lathe([0.0, r, r, 0.0], [-h, -h, h, h]))
+        return split_creases(*_lathe([0.0, r, r, 0.0], [-h, -h, h, h]))
     if kind.startswith("BVHModel"):
         welded = _welded(np.array(shape.vertices()), _rows(shape.tri_indices, shape.num_tris))
-        return creased(*simplified(*welded, most))
+        return split_creases(*simplified(*welded, most))
     if kind.startswith("Convex"):
         vertices, faces = np.array(shape.points()), _rows(shape.polygons, shape.num_polygons)
-        return creased(vertices, _outwards(vertices, faces))
+        return split_creases(vertices, _outwards(vertices, faces))
     raise InvalidInput(f"viewer: expected a box, sphere, ellipsoid, capsule, cylinder, mesh or hull, got {kind}")
 
 
@@ -79,38 +84,59 @@ def friction_cone(mu: float, height: float, edges: int | None = None) -> Triangl
     rim = height * np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones_like(angles)])
     i = np.arange(len(angles))
     faces = np.column_stack([0 * i, 1 + np.roll(i, -1), 1 + i])
-    return creased(np.vstack([np.zeros(3), rim]), faces, np.pi / 2 if edges is None else _CREASE)
+    return split_creases(np.vstack([np.zeros(3), rim]), faces, np.pi / 2 if edges is None else _CREASE)
 
 
 def arrow() -> tuple[Triangles, Triangles]:
     """Shaft and head of an arrow along +z, each from z = 0 to 1 and of radius 1, to be scaled."""
-    shaft = creased(*_lathe([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]))
-    head = creased(*_lathe([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
+    shaft = split_creases(*_lathe([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]))
+    head = split_creases(*_lathe([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
     return shaft, head
 
 
-def arrow_along(start: Array, along: Array, width: float, colour: Array) -> list[Surface]:
-    """Shaft and head of an arrow from ``start`` (3,) [m] as far as ``along`` (3,) [m]; none where that is nothing."""
+def span_arrow(along: Array, width: float) -> tuple[Array, float, float] | None:
+    """Axes of an arrow ``along`` (3,) [m] with a shaft of radius ``width``, the last of them its direction, in rows
+    (3, 3), its length and that of its head [m]; None where it is nothing.
+    """
     length = float(np.linalg.norm(along))
     if length < 1e-5:
-        return []
+        return None
     z = along / length
     x = np.cross([1.0, 0.0, 0.0] if abs(z[0]) < 0.8 else [0.0, 1.0, 0.0], z)
-    axes = np.stack([x / np.linalg.norm(x), np.cross(z, x / np.linalg.norm(x)), z])
-    tip = min(5 * width, 0.6 * length)
-    sizes = ((width, length - tip, 0.0), (2.3 * width, tip, length - tip))
-    return [
-        Surface((vertices * [radius, radius, high]) @ axes + start + base * z, faces, colour)
-        for (vertices, faces), (radius, high, base) in zip(arrow(), sizes)
-    ]
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z]), length, min(HEAD * width, 0.6 * length)
+
+
+def paint(colour: str) -> Array:
+    """A colour such as ``#0072B2`` as three numbers from 0 to 1 (3,)."""
+    painted: Array = rgb(colour) / 255
+    return painted
+
+
+def make_forces(points: Array, arrows: Sequence[Array], colours: Sequence[str], width: float) -> list[Surface]:
+    """Balls at contact points (k, 3) [m], and arrows of the forces and the load (2, 3) [m], whose shafts have a radius
+    ``width`` [m]; ``colours``: of the arrows.
+    """
+    vertices, faces = ball()
+    found = [Surface(BALL * width * vertices + point, faces, paint(one)) for point, one in zip(points, colours)]
+    for (start, end), colour in zip(arrows, colours):
+        if (span := span_arrow(end - start, width)) is None:
+            continue
+        axes, length, tip = span
+        sizes = ((width, length - tip, 0.0), (WIDE * width, tip, length - tip))
+        found += [
+            Surface((corners * [radius, radius, high]) @ axes + start + base * axes[2], own, paint(colour))
+            for (corners, own), (radius, high, base) in zip(arrow(), sizes)
+        ]
+    return found
 
 
 def ball() -> Triangles:
     """A sphere of radius 1 about the origin."""
-    return creased(*_lathe(*_arc(1.0, 0.0)))
+    return split_creases(*_lathe(*_arc(1.0, 0.0)))
 
 
-def creased(vertices: Array, faces: IntArray, crease: float = _CREASE) -> Triangles:
+def split_creases(vertices: Array, faces: IntArray, crease: float = _CREASE) -> Triangles:
     """The surface with equal vertices merged, then repeated where faces meet at more than ``crease`` [rad]."""
     vertices, faces = _welded(np.asarray(vertices, dtype=float), np.asarray(faces))
     if not len(faces):

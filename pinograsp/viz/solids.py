@@ -16,7 +16,8 @@ from pinograsp.hands.model import HandModel
 from pinograsp.hands.visuals import MeshKey, Part, mean_colour, mesh_of, meshes_of, share
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, IntArray
-from pinograsp.viz.scene_meshes import LINK, OBJECT, PALM, creased, rgb, triangles_of
+from pinograsp.viz.raster import Surface
+from pinograsp.viz.scene_meshes import LINK, OBJECT, PALM, paint, rgb, split_creases, triangulate
 
 # When a solid is drawn: always, or with the hand as it is seen, or with its collision shapes in place of that.
 Look: TypeAlias = Literal["always", "visual", "collision"]
@@ -64,18 +65,18 @@ class Links:
 
     def poses(self, q: Array) -> Array:
         """(f, l, 7) at q (f, n)."""
-        return sevens(
+        return to_sevens(
             np.array([self.hand.frame_placements(one, self.names) for one in q]).reshape(len(q), -1, 4, 4) @ self.back
         )
 
 
-def sevens(poses: Array) -> Array:
+def to_sevens(poses: Array) -> Array:
     """Placements (..., 4, 4) as positions and quaternions w, x, y, z (..., 7)."""
     quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat()[:, [3, 0, 1, 2]]
     return np.concatenate([poses[..., :3, 3], quaternions.reshape(*poses.shape[:-2], 4)], axis=-1)
 
 
-def solids_of(
+def make_solids(
     hand: HandModel, body: Body | None, links: Links, touching: dict[str, str]
 ) -> tuple[tuple[Solid, ...], list[str]]:
     """Triangles and colours of the hand's links and of the object, and what cannot be shown, in words.
@@ -94,7 +95,7 @@ def solids_of(
     shown = {solid.link for solid in visuals}
     solids = _each_once(visuals, [*_collision_shapes(hand, links, touching, shown)])
     if body is not None:
-        vertices, faces = triangles_of(body.collision_geometry)
+        vertices, faces = triangulate(body.collision_geometry)
         vertices = vertices @ body.shape_b[:3, :3].T + body.com_b
         solids.append(Solid(name="object", link=None, vertices=vertices, faces=faces, colour=OBJECT))
     cautions = (
@@ -138,14 +139,14 @@ def _visuals(
         parts = (
             meshes[mesh_of(shape)]
             if shape.kind == "mesh"
-            else [(mean_colour(shape), *triangles_of(PRIMITIVES[shape.kind](*shape.size)))]
+            else [(mean_colour(shape), *triangulate(PRIMITIVES[shape.kind](*shape.size)))]
         )
         at, joint = frame.placement * shape.placement, frame.parentJoint
         tint = tints.get(frame.name) or by_joint.get(joint)
         for painted, vertices, faces in parts:
             if shape.kind == "mesh":
                 faces = faces[:, ::-1] if np.prod(shape.size) < 0 else faces
-                vertices, faces = creased(vertices * shape.size, faces)
+                vertices, faces = split_creases(vertices * shape.size, faces)
             natural = painted or shape.colour
             colour = _displayed(natural) if natural else LINK if joint else PALM
             yield Solid(
@@ -171,7 +172,7 @@ def _collision_shapes(
     sizes = [getattr(shape, "num_tris", 0) for shape in shapes]
     most = share(sizes, [1] * len(sizes), _MOST)
     for one, shape in zip(objects, shapes):
-        vertices, faces = triangles_of(shape, most)
+        vertices, faces = triangulate(shape, most)
         frame = hand.model.frames[one.parentFrame]
         colour = LINK if one.parentJoint else PALM
         link = links.index[one.parentJoint]
@@ -198,18 +199,31 @@ def _mixed(colour: str, other: str) -> str:
     return _hex((1 - _TINT) * rgb(colour) + _TINT * rgb(other))
 
 
-def placed(solid: Solid, pose: Array) -> Array:
+def place_solid(solid: Solid, pose: Array) -> Array:
     """Vertices (n, 3) of a solid whose frame is at ``pose`` (7,) [m]."""
     turned: Array = Rotation.from_quat(pose[[4, 5, 6, 3]]).apply(solid.vertices)
     return turned + pose[:3]
 
 
-def cloud_of(solids: Sequence[Solid], link_poses: Array, object_pose: Array | None) -> Array:
+def make_surfaces(
+    solids: Sequence[Solid], link_poses: Array, object_pose: Array | None
+) -> tuple[list[Surface], list[Surface]]:
+    """Hand and object where they are at one instant: poses of the links (l, 7), and of the object (7,)."""
+    hand, thing = list[Surface](), list[Surface]()
+    for solid in solids:
+        pose = object_pose if solid.link is None else link_poses[solid.link]
+        if pose is not None:
+            surface = Surface(place_solid(solid, pose), solid.faces, paint(solid.colour))
+            (thing if solid.link is None else hand).append(surface)
+    return hand, thing
+
+
+def sample_cloud(solids: Sequence[Solid], link_poses: Array, object_pose: Array | None) -> Array:
     """Some vertices of all solids at one instant (n, 3) [m], which show the size of the scene."""
     clouds = [np.zeros((0, 3))]
     for solid in solids:
         pose = object_pose if solid.link is None else link_poses[solid.link]
         if pose is not None:
             few = replace(solid, vertices=solid.vertices[:: 1 + len(solid.vertices) // 500])
-            clouds.append(placed(few, pose))
+            clouds.append(place_solid(few, pose))
     return np.concatenate(clouds)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pinograsp.spatial import Array, tangent_frame
-from pinograsp.viz.solids import Solid, cloud_of, placed
+from pinograsp.viz.solids import Solid, place_solid, sample_cloud
 
 _ARROW = 0.3  # length of the largest arrow relative to the scene's size, before the scale is rounded to 1, 2 or 5
 _ELEVATION = np.radians(22.0)  # preferred elevation of the camera
@@ -55,7 +55,7 @@ class Stage:
         self.up = -gravity / np.linalg.norm(gravity) if np.any(gravity) else np.array([0.0, 0.0, 1.0])
         shown = np.linspace(0, len(link_poses) - 1, 8).astype(int)
         things = [None if object_poses is None else object_poses[i] for i in shown]
-        self.cloud = np.concatenate([cloud_of(solids, link_poses[i], thing) for i, thing in zip(shown, things)])
+        self.cloud = np.concatenate([sample_cloud(solids, link_poses[i], thing) for i, thing in zip(shown, things)])
         self.view = _view(self.up, held.points, held.normals, _spread(solids, link_poses[at]), held.com)
         self.right = np.cross(self.up, self.view) / np.linalg.norm(np.cross(self.up, self.view))
         self.size = float(np.ptp(self.cloud, axis=0).max())
@@ -126,7 +126,7 @@ class _Samples(NamedTuple):
 def _spread(solids: Sequence[Solid], link_poses: Array) -> _Samples:
     """Samples of the hand's surface."""
     triangles = [
-        placed(solid, link_poses[solid.link])[solid.faces]
+        place_solid(solid, link_poses[solid.link])[solid.faces]
         for solid in solids
         if solid.link is not None and solid.look != "collision"
     ]
@@ -140,7 +140,7 @@ def _spread(solids: Sequence[Solid], link_poses: Array) -> _Samples:
     return _Samples(np.einsum("si,sij->sj", weights, chosen), float(area.sum() / _SAMPLES))
 
 
-def scale_of(size: float, largest: float) -> float:
+def choose_scale(size: float, largest: float) -> float:
     """Length of arrows [m/N] in a scene of this size [m] with this largest force [N]: 1, 2, 5 times a power of ten."""
     scale = _ARROW * size / max(largest, 1e-9)
     powers = 10.0 ** np.arange(-9, 10)

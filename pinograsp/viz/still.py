@@ -17,11 +17,11 @@ from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, BoolArray
 from pinograsp.viz.outlines import draw_arrow, draw_ball
-from pinograsp.viz.raster import Camera, Layer, Surface, averaged, fitted, overlaid, rendered
-from pinograsp.viz.scene import ViewScene, scene_of
-from pinograsp.viz.scene_meshes import LOAD, arrow_along, ball, rgb
-from pinograsp.viz.solids import cloud_of, placed
-from pinograsp.viz.style import SUFFIXES, NotebookFigure, content_of, label_of
+from pinograsp.viz.raster import Camera, Layer, Surface, average_blocks, fit_camera, overlay, render_surfaces
+from pinograsp.viz.scene import ViewScene, make_scene
+from pinograsp.viz.scene_meshes import BALL, LOAD, make_forces
+from pinograsp.viz.solids import make_surfaces, sample_cloud
+from pinograsp.viz.style import SUFFIXES, NotebookFigure, encode_figure, make_label
 from pinograsp.writing import write_file
 
 _FINER = 2  # pixels that are drawn for each one of the picture, along either side
@@ -78,12 +78,12 @@ def picture(
     Raises:
         InvalidInput: a plan without its hand, or another view.
     """
-    scene = scene_of(plan)
+    scene = make_scene(plan)
     when = scene.closed if time is None else time
-    return picture_of(scene, when, view=view, collision_shapes=collision_shapes, vector=vector)
+    return draw_picture(scene, when, view=view, collision_shapes=collision_shapes, vector=vector)
 
 
-def picture_of(
+def draw_picture(
     scene: ViewScene,
     time: float,
     *,
@@ -95,7 +95,7 @@ def picture_of(
     flag("collision_shapes", collision_shapes)
     sheet = Sheet(vector=flag("vector", vector), fading=not vector)
     frame = instance_of("scene", scene, ViewScene).frame_at(number("time", time, unit="s"))
-    camera = camera_of(scene, view, [frame], sheet)
+    camera = find_camera(scene, view, [frame], sheet)
     figure = sheet.figure()
     draw(figure, scene, frame, camera, sheet, collision_shapes=collision_shapes)
     return figure
@@ -122,32 +122,22 @@ def write_picture(
             f"picture: expected a name that ends in {', '.join(SUFFIXES)} (moving pictures, .gif and .mp4, are made "
             f"by film), got '{path.name:.200}'"
         )
-    figure = picture_of(scene, time, view=view, collision_shapes=collision_shapes, vector=kind != ".png")
-    return write_file(path, content_of(figure, kind[1:]))
+    figure = draw_picture(scene, time, view=view, collision_shapes=collision_shapes, vector=kind != ".png")
+    return write_file(path, encode_figure(figure, kind[1:]))
 
 
 def draw(
     figure: Figure, scene: ViewScene, frame: int, camera: Camera, sheet: Sheet, *, collision_shapes: bool = False
 ) -> None:
     """Draw a scene at an instant onto a figure of the sheet's size."""
-    kinds = ((figure, Figure), (scene, ViewScene), (camera, Camera), (sheet, Sheet))
-    for value, kind in kinds:
+    for value, kind in ((figure, Figure), (scene, ViewScene), (camera, Camera), (sheet, Sheet)):
         instance_of(kind.__name__.lower(), value, kind)
     frame = integer("frame", frame, at_least=0, at_most=len(scene.times) - 1)
     flag("collision_shapes", collision_shapes)
     pose = scene.object_at(frame)
     hidden = "visual" if collision_shapes else "collision"
     solids = [solid for solid in scene.solids if solid.look != hidden]
-    hand = [
-        Surface(placed(one, scene.link_poses[frame, one.link]), one.faces, rgb(one.colour) / 255)
-        for one in solids
-        if one.link is not None
-    ]
-    thing = [
-        Surface(placed(one, pose), one.faces, rgb(one.colour) / 255)
-        for one in solids
-        if one.link is None and pose is not None
-    ]
+    hand, thing = make_surfaces(solids, scene.link_poses[frame], pose)
     forces = [] if sheet.vector else _forces(scene, frame)
     image, near = _image((hand, thing, forces), camera, _shadow(scene, camera, hand + thing), scene.up, sheet.fading)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -182,7 +172,7 @@ def _direction(view: ArrayLike | None, scene: ViewScene) -> Array:
     return unit
 
 
-def camera_of(scene: ViewScene, view: ArrayLike | None, frames: Sequence[int], sheet: Sheet) -> Camera:
+def find_camera(scene: ViewScene, view: ArrayLike | None, frames: Sequence[int], sheet: Sheet) -> Camera:
     """A camera that sees all of the hand and the object at these instants; ``view``: as for :func:`picture`."""
     instance_of("sheet", sheet, Sheet)
     view = _direction(view, instance_of("scene", scene, ViewScene))
@@ -191,20 +181,11 @@ def camera_of(scene: ViewScene, view: ArrayLike | None, frames: Sequence[int], s
         right = np.cross(scene.up, scene.view)  # from above, with the front below
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(view, right), view])
-    clouds = [
-        np.concatenate(
-            [
-                cloud_of(scene.solids, scene.link_poses[frame], scene.object_at(frame)),
-                _arrows(scene, frame).reshape(-1, 3),
-            ]
-        )
-        for frame in frames
-    ]
-    finer = _finer(sheet)
+    clouds = [sample_cloud(scene.solids, scene.link_poses[frame], scene.object_at(frame)) for frame in frames]
+    clouds += [_arrows(scene, frame).reshape(-1, 3) for frame in frames]
+    size = (_finer(sheet) * sheet.width, _finer(sheet) * sheet.height)
     # Room on either side for the labels.
-    return fitted(
-        np.concatenate(clouds), axes, np.tan(_FOV / 2), (1.45, 1.12), (finer * sheet.width, finer * sheet.height)
-    )
+    return fit_camera(np.concatenate(clouds), axes, np.tan(_FOV / 2), (1.45, 1.12), size)
 
 
 def _arrows(scene: ViewScene, frame: int) -> Array:
@@ -231,7 +212,7 @@ def _outlined(axes: Axes, scene: ViewScene, frame: int, camera: Camera, near: Ar
         return behind
 
     for point, colour in zip(points, scene.colours):
-        draw_ball(axes, project, hidden, point, 1.7 * scene.thickness, colour, _HIDDEN)
+        draw_ball(axes, project, hidden, point, BALL * scene.thickness, colour, _HIDDEN)
     order = np.argsort(camera.project(arrows.mean(axis=1))[:, 2], kind="stable")
     for i in order:
         colour = [*scene.colours, LOAD][i]
@@ -240,15 +221,8 @@ def _outlined(axes: Axes, scene: ViewScene, frame: int, camera: Camera, near: Ar
 
 def _forces(scene: ViewScene, frame: int) -> list[Surface]:
     """Contact points, the forces there, and the load."""
-    width = scene.thickness
-    vertices, faces = ball()
-    surfaces = [
-        Surface(1.7 * width * vertices + point, faces, rgb(colour) / 255)
-        for point, colour in zip(scene.moved(scene.points_o, frame), scene.colours)
-    ]
-    for (start, end), colour in zip(_arrows(scene, frame), [*scene.colours, LOAD]):
-        surfaces += arrow_along(start, end - start, width, rgb(colour) / 255)
-    return surfaces
+    arrows, colours = list(_arrows(scene, frame)), [*scene.colours, LOAD]
+    return make_forces(scene.moved(scene.points_o, frame), arrows, colours, scene.thickness)
 
 
 def _shadow(scene: ViewScene, camera: Camera, surfaces: Sequence[Surface]) -> Array:
@@ -265,7 +239,7 @@ def _shadow(scene: ViewScene, camera: Camera, surfaces: Sequence[Surface]) -> Ar
         for one in surfaces
     ]
     coarse = Camera(camera.eye, camera.axes, camera.focal / _SOFT, camera.width // _SOFT, camera.height // _SOFT)
-    dark = gaussian_filter(rendered(flat, coarse, scene.up).drawn.astype(float), 2.5)
+    dark = gaussian_filter(render_surfaces(flat, coarse, scene.up).drawn.astype(float), 2.5)
     fine: Array = zoom(dark, _SOFT, order=1)
     return 0.22 * fine
 
@@ -284,7 +258,7 @@ def _image(
         # With one more on either side: edges are seen beside others.
         low, high = max(first - _FINER, 0), min(last + _FINER, camera.height)
         band = camera._replace(rows=(low, high))
-        hand, thing, forces = (rendered(part, band, up) for part in parts)
+        hand, thing, forces = (render_surfaces(part, band, up) for part in parts)
         image = _composed(hand, thing, forces, shadow[low:high], rows[low:high, None, None])
         images.append(image[(first - low) // _FINER : len(image) - (high - last) // _FINER])
         depths.append(hand.near[first - low : last - low : _FINER, ::_FINER])
@@ -298,8 +272,8 @@ def _composed(hand: Layer, thing: Layer, forces: Layer, shadow: Array, rows: Arr
     drawn = hand.drawn
     image[drawn] = hand.colour[drawn]
     image *= 1 - _OUTLINE * _edges(hand)[..., None]
-    overlaid(image, hand, thing, forces, _CLEAR, _HIDDEN)
-    return averaged(image, _FINER)
+    overlay(image, hand, thing, forces, _CLEAR, _HIDDEN)
+    return average_blocks(image, _FINER)
 
 
 def _edges(layer: Layer) -> Array:
@@ -329,7 +303,7 @@ def _label(axes: Axes, scene: ViewScene, frame: int, camera: Camera, sheet: Shee
         heights -= max(0.0, heights[-1] - (sheet.height - 0.8 * line)) if len(chosen) else 0.0
         for k, height in zip(chosen, heights):
             axes.annotate(
-                f"{label_of(scene.contacts[k])}  {scene.normal[frame, k]:.3g} N",
+                f"{make_label(scene.contacts[k])}  {scene.normal[frame, k]:.3g} N",
                 points[k],
                 (margin if left else sheet.width - margin, height),
                 ha="left" if left else "right",

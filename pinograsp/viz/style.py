@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import cycle
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -37,13 +38,13 @@ class NotebookFigure(Figure):
             super().savefig(*args, **options)
 
     def _repr_png_(self) -> bytes:
-        return content_of(self, "png")
+        return encode_figure(self, "png")
 
 
 SUFFIXES = (".png", ".svg", ".pdf")  # of pictures
 
 
-def label_of(name: str) -> str:
+def make_label(name: str) -> str:
     """A name from a file as Matplotlib's text: short, without formulas, and never hidden from a legend."""
     name = printable(name, 40).replace("$", r"\$")
     return f" {name}" if name.startswith("_") or not name else name
@@ -110,7 +111,7 @@ def legend_above(axes: Axes, columns: int, title: str | None = None, colour: str
     legend.get_title().set(color=colour, fontweight="bold")
 
 
-def content_of(figure: Figure, kind: str = "png") -> bytes:
+def encode_figure(figure: Figure, kind: str = "png") -> bytes:
     """A picture as the content of a file: png, svg or pdf, the same bytes for the same picture."""
     content = io.BytesIO()
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
@@ -118,3 +119,11 @@ def content_of(figure: Figure, kind: str = "png") -> bytes:
     with mpl.rc_context({"pdf.fonttype": 42, "svg.hashsalt": "pinograsp"}):
         figure.savefig(content, format=kind, dpi=figure.dpi, metadata=undated)
     return content.getvalue()
+
+
+def save_all(figures: Mapping[str, Callable[[], Figure]], folder: str | Path) -> list[Path]:
+    """Draw figures, by the names of their files, and write them into an existing folder; returns their paths."""
+    paths = [Path(folder) / name for name in figures]
+    for path, draw in zip(paths, figures.values()):
+        draw().savefig(path, dpi=130)
+    return paths

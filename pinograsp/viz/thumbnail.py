@@ -13,10 +13,10 @@ from pinograsp.checks import brief
 from pinograsp.hands.model import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
-from pinograsp.viz.raster import Camera, Layer, Surface, averaged, fitted, overlaid, rendered
-from pinograsp.viz.scene_meshes import LOAD, arrow_along, ball, rgb
-from pinograsp.viz.solids import Links, Solid, cloud_of, placed, sevens, solids_of
-from pinograsp.viz.stage import Held, Stage, scale_of
+from pinograsp.viz.raster import Camera, Layer, average_blocks, fit_camera, overlay, render_surfaces
+from pinograsp.viz.scene_meshes import LOAD, make_forces
+from pinograsp.viz.solids import Links, Solid, make_solids, make_surfaces, sample_cloud, to_sevens
+from pinograsp.viz.stage import Held, Stage, choose_scale
 
 _SIZE = (380, 290)  # pixels
 _FINER = 2  # pixels that are drawn for each one of the picture, along either side
@@ -60,41 +60,30 @@ class Seen:
 def thumbnail(seen: Seen) -> bytes:
     """The picture as the content of a PNG file, some tens of kilobytes."""
     links = Links(seen.hand)
-    found, _ = solids_of(seen.hand, seen.body, links, {})
+    found, _ = make_solids(seen.hand, seen.body, links, {})
     solids = tuple(one for one in found if one.look != "collision")
     poses = links.poses(seen.q[None])[0]
-    thing = None if seen.body is None else sevens(seen.body.pose)
-    cloud = cloud_of(solids, poses, thing)
+    thing = None if seen.body is None else to_sevens(seen.body.pose)
+    cloud = sample_cloud(solids, poses, thing)
     size = float(np.ptp(cloud, axis=0).max())
     up, view = _sight(seen, solids, poses, thing, cloud)
     arrows = _arrows(seen, size)
     width = _THICKNESS * size
-    camera = _camera(np.concatenate([cloud, *(ends for ends, _ in arrows)]), up, view)
-    vertices, faces = ball()
-    forces = [
-        Surface(1.7 * width * vertices + point, faces, _painted(colour))
-        for point, colour in zip(seen.points_o, seen.colours)
+    camera = _camera(np.concatenate([cloud, *arrows]), up, view)
+    long = [
+        (ends, colour)
+        for ends, colour in zip(arrows, [*seen.colours, LOAD])
+        if np.linalg.norm(ends[1] - ends[0]) >= width
     ]
-    for (start, end), colour in arrows:
-        if np.linalg.norm(end - start) >= width:
-            forces += arrow_along(start, end - start, width, _painted(colour))
-    hand = [
-        Surface(placed(one, poses[one.link]), one.faces, _painted(one.colour)) for one in solids if one.link is not None
-    ]
-    held = [
-        Surface(placed(one, thing), one.faces, _painted(one.colour))
-        for one in solids
-        if one.link is None and thing is not None
-    ]
-    image = _composed(rendered(hand, camera, up), rendered(held, camera, up), rendered(forces, camera, up))
+    forces = make_forces(seen.points_o, [], seen.colours, width)
+    forces += make_forces(np.zeros((0, 3)), [ends for ends, _ in long], [colour for _, colour in long], width)
+    hand, held = make_surfaces(solids, poses, thing)
+    image = _composed(
+        render_surfaces(hand, camera, up), render_surfaces(held, camera, up), render_surfaces(forces, camera, up)
+    )
     content = io.BytesIO()
     imsave(content, np.round(image * _STEPS) / _STEPS, format="png", pil_kwargs={"optimize": True})
     return content.getvalue()
-
-
-def _painted(colour: str) -> Array:
-    painted: Array = rgb(colour) / 255
-    return painted
 
 
 def _sight(
@@ -120,28 +109,24 @@ def _camera(cloud: Array, up: Array, view: Array) -> Camera:
     right = np.cross(up, view) / np.linalg.norm(np.cross(up, view))
     axes = np.stack([right, np.cross(view, right), view])
     across, down = _SIZE
-    return fitted(cloud, axes, _SLOPE, (1.06, 1.06), (_FINER * across, _FINER * down))
+    return fit_camera(cloud, axes, _SLOPE, (1.06, 1.06), (_FINER * across, _FINER * down))
 
 
-def _arrows(seen: Seen, size: float) -> list[tuple[Array, str]]:
-    """Ends (2, 3) [m] and colours of the forces' arrows, and of the load's."""
+def _arrows(seen: Seen, size: float) -> list[Array]:
+    """Ends (2, 3) [m] of the forces' arrows, and of the load's."""
+    forces, points = seen.forces_o, seen.points_o
+    if seen.body is not None:
+        forces, points = np.vstack([forces, seen.load_o]), np.vstack([points, seen.body.com_o])
     largest = float(np.linalg.norm(np.vstack([seen.forces_o, seen.load_o]), axis=1).max())
     if largest == 0:
         return []
-    scale = scale_of(size, largest)
-    ends = [
-        (np.stack([point, point + scale * force]), colour)
-        for point, force, colour in zip(seen.points_o, seen.forces_o, seen.colours)
-    ]
-    if seen.body is not None:
-        com = seen.body.com_o
-        ends.append((np.stack([com, com + scale * seen.load_o]), LOAD))
-    return ends
+    scale = choose_scale(size, largest)
+    return [np.stack([point, point + scale * force]) for point, force in zip(points, forces)]
 
 
 def _composed(hand: Layer, held: Layer, forces: Layer) -> Array:
     """The picture (h, w, 3), from 0 to 1."""
     image = np.tile(np.array(_PAPER), (*hand.near.shape, 1))
     image[hand.drawn] = hand.colour[hand.drawn]
-    overlaid(image, hand, held, forces, _OPACITY, _HIDDEN)
-    return averaged(image, _FINER)
+    overlay(image, hand, held, forces, _OPACITY, _HIDDEN)
+    return average_blocks(image, _FINER)

@@ -11,14 +11,14 @@ import numpy as np
 from pinograsp.checks import number, shown
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.plan import PlanRecord, Simulation
-from pinograsp.spatial import Array, tangent_frame
-from pinograsp.viz.access import free_port, guarded
+from pinograsp.spatial import Array, pose_of, tangent_frame
+from pinograsp.viz.access import free_port, guard_server
 from pinograsp.viz.page import save_html
 from pinograsp.viz.panel import foot, forces, head, short, torques
-from pinograsp.viz.scene import ViewScene, scene_of
+from pinograsp.viz.scene import ViewScene, make_scene
 from pinograsp.viz.scene_meshes import AXES, GHOST, LOAD
-from pinograsp.viz.solids import Look
-from pinograsp.viz.viser_values import arrow_size, colour, dark, turn
+from pinograsp.viz.solids import Look, to_sevens
+from pinograsp.viz.viser_values import arrow_size, colour, dark
 
 if TYPE_CHECKING:
     import viser
@@ -65,10 +65,10 @@ def view(
         HandNotLoaded: mesh files are missing.
         ExtraMissing: viser (extra ``viz``) is not installed.
     """
-    return opened(scene_of(plan, simulation), port=port, host=host, open_browser=open_browser)
+    return open_viewer(make_scene(plan, simulation), port=port, host=host, open_browser=open_browser)
 
 
-def opened(scene: ViewScene, *, port: int, host: str = "localhost", open_browser: bool = True) -> Viewer:
+def open_viewer(scene: ViewScene, *, port: int, host: str = "localhost", open_browser: bool = True) -> Viewer:
     """A live page of a scene; see :func:`view`."""
     if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port < 65536:
         raise InvalidInput(f"port: expected a whole number from 0 to 65535, got {shown(port)}")
@@ -108,7 +108,7 @@ class Viewer:
             ) from error
         self.scene = scene
         port = free_port(host, port)
-        with guarded(host):
+        with guard_server(host):
             self.server = viser.ViserServer(host=host, port=port, label="pinograsp", verbose=False)
         shown = "localhost" if host in ("0.0.0.0", "127.0.0.1", "::") else host
         self.url = f"http://{shown}:{self.server.get_port()}"
@@ -223,7 +223,7 @@ class Viewer:
                 section_color=(160, 170, 181),
                 fade_distance=3 * reach,
                 shadow_opacity=0.2,
-                wxyz=turn(tangent_frame(scene.up, np.zeros(3))),
+                wxyz=to_sevens(pose_of(rotation=tangent_frame(scene.up, np.zeros(3))))[3:],
                 position=scene.centre + (scene.ground - scene.up @ scene.centre) * scene.up,
             ),
         )
@@ -288,7 +288,7 @@ class Viewer:
                     opacity=0.3,
                     side="double",
                     cast_shadow=False,
-                    wxyz=turn(scene.rotations_oc[i]),
+                    wxyz=to_sevens(pose_of(rotation=scene.rotations_oc[i]))[3:],
                     position=scene.points_o[i],
                 ),
             )

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import TypedDict
 
-from scipy.spatial.transform import Rotation
-
-from pinograsp.spatial import Array
-from pinograsp.viz.scene_meshes import rgb
+from pinograsp.viz.scene_meshes import HEAD, WIDE, rgb
 
 
 class ArrowSize(TypedDict):
@@ -20,13 +17,7 @@ class ArrowSize(TypedDict):
 
 def arrow_size(radius: float) -> ArrowSize:
     """An arrow whose shaft has a radius [m]."""
-    return {"shaft_radius": radius, "head_radius": 2.3 * radius, "head_length": 5 * radius}
-
-
-def turn(rotation: Array) -> Array:
-    """Quaternion w, x, y, z of a rotation (3, 3)."""
-    quaternion: Array = Rotation.from_matrix(rotation).as_quat()
-    return quaternion[[3, 0, 1, 2]]
+    return {"shaft_radius": radius, "head_radius": WIDE * radius, "head_length": HEAD * radius}
 
 
 def colour(text: str) -> tuple[int, int, int]:

@@ -13,7 +13,7 @@ from pinograsp.carry import ArmPath, plan_carry
 from pinograsp.carry.scene import carry_scene
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import pose_of
-from pinograsp.viz.solids import sevens
+from pinograsp.viz.solids import to_sevens
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_the_object_goes_where_the_palm_goes(scene, arm, grasp):
     for i in (0, last // 3, last // 2, last):
         now = arm.frame_placements(scene.q[i], [arm.palm])[0] @ np.linalg.inv(palm) @ planned
         np.testing.assert_allclose(scene.object_at(i)[:3], now[:3, 3], atol=1e-12)
-        assert same_turn(scene.object_at(i), sevens(now))
+        assert same_turn(scene.object_at(i), to_sevens(now))
     moved = [scene.object_at(i)[:3] for i in (0, last)]
     assert np.linalg.norm(moved[1] - moved[0]) > 0.2
 

@@ -33,7 +33,7 @@ CALLS = {
     "record_failure": lambda x: planner.record_failure(x, "hand", {}),
     "problem_of": lambda x: synthesis.problem_of(None, BALL, THREE, x),
     "figure_files": figures.figure_files,
-    "picture_of": lambda x: still.picture_of(x, 0.5),
+    "draw_picture": lambda x: still.draw_picture(x, 0.5),
     "inertia": lambda x: pg.Box(size=(0.1, 0.1, 0.1), mass=1.0, inertia="x" if x is None else x),
     "notes": lambda x: pg.Sphere(radius=0.1, mass=1.0, notes=x),
     "skew": pg.spatial.skew,

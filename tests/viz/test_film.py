@@ -13,8 +13,8 @@ from PIL import Image
 from pinograsp.cases import load_case
 from pinograsp.errors import ExtraMissing, InvalidInput, ResultsNotWritten
 from pinograsp.planner import GraspPlan, save_run
-from pinograsp.viz.film import shown
-from pinograsp.viz.scene import scene_of
+from pinograsp.viz.film import choose_frames
+from pinograsp.viz.scene import make_scene
 from pinograsp.viz.scene_meshes import rgb
 
 
@@ -38,8 +38,8 @@ def pictures(path) -> list[np.ndarray]:
 
 
 def test_films_show_all_of_the_motion_and_most_of_the_squeeze(plan):
-    scene = scene_of(plan)
-    frames = shown(scene, 60)
+    scene = make_scene(plan)
+    frames = choose_frames(scene, 60)
     touch, last = scene.frame_at(scene.touch), len(scene.times) - 1
     assert len(frames) == 60 and frames[0] == 0 and np.all(np.diff(frames) >= 0)
     assert 11 <= (frames == last).sum() <= 14
@@ -60,7 +60,7 @@ def test_a_film_moves_and_its_arrows_grow(plan, film):
     found = pictures(film)
     moved = [(np.abs(a - b).max(axis=2) > 0.1).mean() for a, b in pairwise(found)]
     assert moved[0] < 0.2 and max(moved) > 5e-3
-    colours = [rgb(colour) / 255 for colour in scene_of(plan).colours]
+    colours = [rgb(colour) / 255 for colour in make_scene(plan).colours]
 
     def coloured(picture) -> int:
         return sum(int((np.abs(picture - colour).max(axis=2) < 0.12).sum()) for colour in colours)

@@ -17,11 +17,11 @@ from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.planner import GraspPlan, save_run
 from pinograsp.viz.figures import save_figures
 from pinograsp.viz.outlines import draw_arrow
-from pinograsp.viz.raster import Camera, Surface, rendered
-from pinograsp.viz.scene import scene_of
+from pinograsp.viz.raster import Camera, Surface, render_surfaces
+from pinograsp.viz.scene import make_scene
 from pinograsp.viz.scene_meshes import ball, rgb
-from pinograsp.viz.still import Sheet, camera_of, picture
-from pinograsp.viz.style import COLOURS, content_of, finger_colours, finger_of
+from pinograsp.viz.still import Sheet, find_camera, picture
+from pinograsp.viz.style import COLOURS, encode_figure, finger_colours, finger_of
 
 UP = np.array([0.0, 0.0, 1.0])
 CAMERA = Camera(np.array([0.0, -2.0, 0.0]), np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]), 200.0, 161, 121)
@@ -46,7 +46,7 @@ def printed(plan):
 
 
 def seen(figure) -> np.ndarray:
-    return imread(io.BytesIO(content_of(figure)))[..., :3]
+    return imread(io.BytesIO(encode_figure(figure)))[..., :3]
 
 
 def differing(a, b) -> float:
@@ -66,7 +66,7 @@ def rays() -> np.ndarray:
 def test_a_plane_is_as_deep_as_its_rays_are_long():
     """A slanted triangle against the intersection of every pixel's ray with its plane."""
     corners = np.array([[-0.5, 0.3, -0.3], [0.6, -0.4, -0.2], [0.0, 0.2, 0.5]])
-    layer = rendered([Surface(corners, np.array([[0, 1, 2]]), GREY)], CAMERA, UP)
+    layer = render_surfaces([Surface(corners, np.array([[0, 1, 2]]), GREY)], CAMERA, UP)
     a, b, c = corners
     normal = np.cross(b - a, c - a)
     depth = normal @ (a - CAMERA.eye) / (rays() @ normal)
@@ -83,7 +83,7 @@ def test_a_plane_is_as_deep_as_its_rays_are_long():
 def test_a_ball_is_as_large_as_its_outline():
     """Seen from a distance d, a ball of radius r fills the cone of half-angle asin(r / d)."""
     vertices, faces = ball()
-    layer = rendered([Surface(0.5 * vertices, faces, GREY)], CAMERA, UP)
+    layer = render_surfaces([Surface(0.5 * vertices, faces, GREY)], CAMERA, UP)
     cosine = rays()[..., 1] / np.linalg.norm(rays(), axis=2)
     assert layer.drawn.sum() == pytest.approx((cosine > np.cos(np.arcsin(0.5 / 2))).sum(), rel=0.02)
     assert 1 / layer.near[60, 80] == pytest.approx(1.5, abs=5e-3)
@@ -95,13 +95,13 @@ def test_a_ball_is_as_large_as_its_outline():
 def test_what_is_nearer_hides_what_is_farther(first):
     vertices, faces = ball()
     near, far = Surface(0.2 * vertices - [0, 0.5, 0], faces, RED), Surface(0.5 * vertices, faces, GREY)
-    layer = rendered([near, far] if first else [far, near], CAMERA, UP)
+    layer = render_surfaces([near, far] if first else [far, near], CAMERA, UP)
     red, green, blue = layer.colour[60, 80]
     assert red > 2 * green and red > 2 * blue
     assert layer.surface[60, 80] == (0 if first else 1) and layer.surface[0, 0] == -1
-    away = rendered([Surface(0.2 * vertices - [0, 5.0, 0], faces, RED)], CAMERA, UP)
+    away = render_surfaces([Surface(0.2 * vertices - [0, 5.0, 0], faces, RED)], CAMERA, UP)
     assert not away.drawn.any()  # behind the camera
-    assert not rendered([], CAMERA, UP).drawn.any()
+    assert not render_surfaces([], CAMERA, UP).drawn.any()
 
 
 # -- the picture -------------------------------------------------------------------------------------------------------
@@ -112,7 +112,7 @@ def test_a_picture_shows_contacts_forces_and_object(plan, usual, printed, vector
     usual = printed if vector else usual
     image = seen(usual)
     assert image.shape == (640, 900, 3)
-    for colour in scene_of(plan).colours:  # of arrows and labels
+    for colour in make_scene(plan).colours:  # of arrows and labels
         assert (np.abs(image - rgb(colour) / 255).max(axis=2) < 0.1).sum() > 300
     r, g, b = np.moveaxis(image, 2, 0)
     assert ((r > 0.5) & (g > 0.5) & (np.minimum(r, g) - b > 0.2)).mean() > 0.01  # the object
@@ -129,7 +129,7 @@ def test_pictures_follow_time_and_view(plan, usual):
     assert differing(usual, seen(picture(plan, time=0.0))) > 0.02
     assert differing(usual, seen(picture(plan, view=[1, 0.2, 0.3]))) > 0.02
     # But for pixels on edges, which rounding decides.
-    assert differing(usual, seen(picture(plan, view=7 * scene_of(plan).view))) < 1e-3
+    assert differing(usual, seen(picture(plan, view=7 * make_scene(plan).view))) < 1e-3
     assert differing(usual, seen(picture(plan, collision_shapes=True))) < 1e-3  # the paper's hand is seen as it touches
     alone = seen(picture(replace(plan, body=None)))
     assert differing(usual, alone) > 0.01
@@ -141,8 +141,8 @@ def test_pictures_follow_time_and_view(plan, usual):
 
 
 def test_views_have_names(plan):
-    scene, sheet = scene_of(plan), Sheet()
-    cameras = {name: camera_of(scene, name, [200], sheet) for name in ("front", "back", "side", "top")}
+    scene, sheet = make_scene(plan), Sheet()
+    cameras = {name: find_camera(scene, name, [200], sheet) for name in ("front", "back", "side", "top")}
     towards = {name: camera.axes[2] for name, camera in cameras.items()}
     for name in ("front", "back", "side"):
         assert towards[name] @ scene.up == pytest.approx(0, abs=1e-12) and cameras[name].axes[1] @ scene.up > 0.999
@@ -150,22 +150,22 @@ def test_views_have_names(plan):
     assert np.allclose(towards["side"], cameras["front"].axes[0])  # on the right of who looks from the front
     assert np.allclose(towards["top"], scene.up)
     assert np.allclose(cameras["top"].axes[0], cameras["front"].axes[0])
-    below = camera_of(scene, -scene.up, [200], sheet)
+    below = find_camera(scene, -scene.up, [200], sheet)
     assert np.allclose(below.axes[2], -scene.up) and np.isfinite(below.eye).all()
 
 
 @pytest.mark.slow
 def test_pictures_for_print_are_vector_graphics(plan, printed, tmp_path):
     """Arrows are filled outlines in the colours of the contacts; the hand is one picture, fine enough for print."""
-    written = content_of(printed, "svg")
+    written = encode_figure(printed, "svg")
     root = ElementTree.fromstring(written)
     (image,) = root.iter("{http://www.w3.org/2000/svg}image")
     content = base64.b64decode(image.get("{http://www.w3.org/1999/xlink}href").partition(",")[2])
     assert imread(io.BytesIO(content)).shape[:2] == (1280, 1800)
     filled = [one.get("style", "").lower() for one in root.iter("{http://www.w3.org/2000/svg}path")]
-    for colour in scene_of(plan).colours:
+    for colour in make_scene(plan).colours:
         assert sum(f"fill: {colour.lower()}" in style for style in filled) >= 3  # label, shaft and head
-    assert len(written) < 1e6 and content_of(printed, "svg") == written
+    assert len(written) < 1e6 and encode_figure(printed, "svg") == written
     path = plan.picture(tmp_path / "grasp.pdf", view="front")
     content = path.read_bytes()
     assert content.startswith(b"%PDF") and b"/Type3" not in content and len(content) < 1e6
@@ -175,7 +175,7 @@ def test_pictures_for_print_are_vector_graphics(plan, printed, tmp_path):
 
 def test_vector_arrows_are_where_shaded_ones_are(plan, usual, printed):
     """Pixels of the thumb's colour, in both."""
-    blue = rgb(scene_of(plan).colours[0]) / 255
+    blue = rgb(make_scene(plan).colours[0]) / 255
     masks = [np.abs(seen(figure) - blue).max(axis=2) < 0.25 for figure in (usual, printed)]
     assert (masks[0] & masks[1]).sum() > 0.7 * (masks[0] | masks[1]).sum()
 

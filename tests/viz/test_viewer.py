@@ -50,12 +50,12 @@ from pinograsp.simulation import simulate
 from pinograsp.spatial import pose_of, tangent_frame
 from pinograsp.storage import newest_check, read_check, write_simulation
 from pinograsp.viz.figures import save_figures
-from pinograsp.viz.page import page_of as page_of_scene
-from pinograsp.viz.scene import scene_of
-from pinograsp.viz.scene_meshes import friction_cone, triangles_of
-from pinograsp.viz.solids import sevens
-from pinograsp.viz.still import picture_of
-from pinograsp.viz.style import content_of
+from pinograsp.viz.page import render_page
+from pinograsp.viz.scene import make_scene
+from pinograsp.viz.scene_meshes import friction_cone, triangulate
+from pinograsp.viz.solids import to_sevens
+from pinograsp.viz.still import draw_picture
+from pinograsp.viz.style import encode_figure
 from pinograsp.viz.viewer import save_html, view
 
 
@@ -188,7 +188,7 @@ def hull_of_points():
 )
 def test_triangles_fill_the_shape_they_stand_for(shape, least):
     """Inscribed, so slightly less volume; outwards, or it would be negative."""
-    vertices, faces = triangles_of(shape)
+    vertices, faces = triangulate(shape)
     assert least * shape.computeVolume() * (1 - 1e-9) <= volume(vertices, faces) <= shape.computeVolume() * (1 + 1e-9)
     shape.computeLocalAABB()
     assert np.allclose(vertices.min(axis=0), np.ravel(shape.aabb_local.min_), atol=2e-3)
@@ -196,18 +196,18 @@ def test_triangles_fill_the_shape_they_stand_for(shape, least):
 
 
 def test_creases_are_sharp_and_round_parts_smooth():
-    box, _ = triangles_of(coal.Box(1, 1, 1))
+    box, _ = triangulate(coal.Box(1, 1, 1))
     assert len(box) == 24  # a corner for each of three faces
-    ball, _faces = triangles_of(coal.Sphere(1.0))
+    ball, _faces = triangulate(coal.Sphere(1.0))
     assert len(ball) == len(np.unique(ball.round(9), axis=0))  # no vertex twice
-    cylinder, _ = triangles_of(coal.Cylinder(1.0, 2.0))
+    cylinder, _ = triangulate(coal.Cylinder(1.0, 2.0))
     rim = cylinder[np.abs(np.linalg.norm(cylinder[:, :2], axis=1) - 1) < 1e-9]
     assert len(rim) == 2 * len(np.unique(rim.round(9), axis=0))  # rims twice: for the side and for the cap
 
 
 def test_unknown_shapes_are_refused():
     with pytest.raises(InvalidInput, match="got Halfspace"):
-        triangles_of(coal.Halfspace(np.array([0, 0, 1.0]), 0.0))
+        triangulate(coal.Halfspace(np.array([0, 0, 1.0]), 0.0))
 
 
 @pytest.mark.parametrize("mu", [0.1, 0.7, 1.5])
@@ -227,7 +227,7 @@ def test_friction_cones_have_the_half_angle_of_mu(mu, edges):
 def drawn(request):
     """A hand of the catalogue: its name, a plan of it, what is drawn of that."""
     run = run_with(loaded(request.param))
-    return request.param, run, scene_of(run)
+    return request.param, run, make_scene(run)
 
 
 def test_every_hand_of_the_catalogue_can_be_drawn(drawn):
@@ -256,10 +256,10 @@ def test_every_hand_of_the_catalogue_can_be_drawn(drawn):
 
 def test_links_are_drawn_as_they_are_hulls_where_nothing_else_is_known():
     hand = replace(load_hand("psyonic_right"), visuals=())
-    for solid, own in zip(scene_of(run_with(hand)).solids, hand.own_shapes):
+    for solid, own in zip(make_scene(run_with(hand)).solids, hand.own_shapes):
         assert volume(solid.vertices, solid.faces) == pytest.approx(own.computeVolume(), rel=1e-6)
     hand = replace(hand, own_shapes=())
-    for solid, one in zip(scene_of(run_with(hand)).solids, hand.geometry.geometryObjects):
+    for solid, one in zip(make_scene(run_with(hand)).solids, hand.geometry.geometryObjects):
         assert volume(solid.vertices, solid.faces) == pytest.approx(one.geometry.computeVolume(), rel=1e-6)
 
 
@@ -283,7 +283,7 @@ def test_every_hand_of_the_catalogue_is_seen(drawn, tmp_path):
 
 def test_links_that_touch_take_the_colour_of_their_contact():
     hand = load_hand("allegro_right")
-    scene = scene_of(run_with(hand))
+    scene = make_scene(run_with(hand))
     tip = hand.fingers[0].links[-1]
     colours = {solid.name.rpartition(" seen")[0]: solid.colour for solid in scene.solids if solid.look == "visual"}
     assert colours[tip] not in (colours["link_1.0"], colours[hand.fingers[1].links[-1]])
@@ -294,10 +294,10 @@ def test_links_that_touch_take_the_colour_of_their_contact():
 def test_a_run_whose_pictures_are_gone_shows_collision_shapes(tmp_path):
     hand = load_hand("panda")
     gone = tuple(replace(one, path=str(tmp_path / "gone.dae")) for one in hand.visuals)
-    scene = scene_of(run_with(replace(hand, visuals=gone)))
+    scene = make_scene(run_with(replace(hand, visuals=gone)))
     assert {solid.look for solid in scene.solids} == {"always"}
     assert any("gone.dae' is not there" in one for one in scene.unseen)
-    some = scene_of(run_with(replace(hand, visuals=(*hand.visuals[:1], *gone[1:]))))
+    some = make_scene(run_with(replace(hand, visuals=(*hand.visuals[:1], *gone[1:]))))
     looks = {solid.link: set() for solid in some.solids}
     for solid in some.solids:
         looks[solid.link].add(solid.look)
@@ -308,7 +308,7 @@ def test_a_run_whose_pictures_are_gone_shows_collision_shapes(tmp_path):
 
 
 def test_arrows_are_in_proportion_to_the_forces(run):
-    scene = scene_of(run)
+    scene = make_scene(run)
     for instant in (0.3, 0.95, 1.0):
         i = scene.frame_at(instant)
         arrows = scene.arrows(i)
@@ -326,7 +326,7 @@ def test_friction_used_is_that_of_the_margins(run, make_problem, hand):
     """Of Coulomb's cone; the share of the model's own limit stands beside it."""
     soft = make_problem(balance="wrench", friction=Friction(model="soft", torsion=5e-3, safety=1.2))
     for one in (run, plan_grasp(hand, soft).with_margins()):
-        scene, least = scene_of(one), one.margins.least_mu
+        scene, least = make_scene(one), one.margins.least_mu
         assert np.allclose(scene.used[scene.frame_at(1.0)], least / one.friction.mu, rtol=1e-6)
         assert np.isnan(scene.used[0]).all()
         own = [value for what, value in scene.facts if what in ("of the pyramid", "of the soft finger")]
@@ -335,7 +335,7 @@ def test_friction_used_is_that_of_the_margins(run, make_problem, hand):
 
 
 def test_torques_and_forces_are_the_runs_at_every_instant(run):
-    scene = scene_of(run)
+    scene = make_scene(run)
     at = np.searchsorted(run.motion.times, scene.times)
     assert np.array_equal(run.motion.times[at], scene.times)
     assert np.array_equal(scene.torques, run.motion.torques[at]) and np.array_equal(scene.q, run.motion.q[at])
@@ -347,7 +347,7 @@ def test_torques_and_forces_are_the_runs_at_every_instant(run):
 
 
 def test_the_camera_sees_everything(run):
-    scene = scene_of(run)
+    scene = make_scene(run)
     right = np.cross(scene.up, scene.view)
     axes = np.stack([right / np.linalg.norm(right), np.cross(scene.view, right) / np.linalg.norm(right), scene.view])
     assert np.allclose(axes @ axes.T, np.eye(3))
@@ -363,7 +363,7 @@ def test_the_camera_sees_everything(run):
 
 def test_runs_without_a_plan_or_a_hand_are_refused(run, tmp_path):
     with pytest.raises(InvalidInput, match="plan with its hand"):
-        scene_of(replace(run, hand=None))
+        make_scene(replace(run, hand=None))
     with pytest.raises(InvalidInput, match="plan: expected a PlanRecord, got 'runs/paper'"):
         save_html("runs/paper", tmp_path / "a.html")
     with pytest.raises(InvalidInput, match="port"):
@@ -374,7 +374,7 @@ def test_runs_without_a_plan_or_a_hand_are_refused(run, tmp_path):
 
 
 def test_a_run_without_its_object_shows_the_hand(run):
-    scene = scene_of(replace(run, body=None))
+    scene = make_scene(replace(run, body=None))
     assert scene.object_pose is None and all(solid.link is not None for solid in scene.solids)
 
 
@@ -383,9 +383,9 @@ def test_simulations_of_something_else_are_refused(run, simulation, tmp_path):
         read_check(tmp_path)
     for other in (tmp_path, 3):
         with pytest.raises(InvalidInput, match="simulation: expected a Simulation or None"):
-            scene_of(run, other)
+            make_scene(run, other)
     with pytest.raises(InvalidInput, match="this plan's hand"):
-        scene_of(run, replace(simulation, q=simulation.q[:, :7]))
+        make_scene(run, replace(simulation, q=simulation.q[:, :7]))
 
 
 def test_without_viser_the_extra_is_named(run, monkeypatch, tmp_path):
@@ -405,7 +405,7 @@ def stored(simulation, folder: Path) -> Path:
 
 
 def test_the_simulation_stands_beside_the_plan_at_the_same_instants(run, simulation, tmp_path):
-    scene = scene_of(run, simulation)
+    scene = make_scene(run, simulation)
     shown = scene.simulated
     assert shown.held and scene.times[-1] == pytest.approx(simulation.times[-1], abs=2e-3)
     assert len(shown.link_poses) == len(scene.link_poses) == len(scene.times)
@@ -423,7 +423,7 @@ def test_the_simulation_stands_beside_the_plan_at_the_same_instants(run, simulat
         scene.torques[-1], run.motion.holding_torques
     )
     assert abs(shown.beside @ scene.up) < 1e-12 and abs(shown.beside @ scene.view) < 1e-12  # to the right
-    again = scene_of(run, read_check(stored(simulation, tmp_path / "check")))
+    again = make_scene(run, read_check(stored(simulation, tmp_path / "check")))
     assert np.array_equal(again.simulated.link_poses, shown.link_poses) and again.simulated.reason == shown.reason
 
 
@@ -431,7 +431,7 @@ def test_the_simulation_stands_beside_the_plan_at_the_same_instants(run, simulat
 
 
 def record_of(scene):
-    text = page_of_scene(scene)
+    text = render_page(scene)
     return json.loads(text.split('id="data">')[1].split("</script>")[0])
 
 
@@ -444,7 +444,7 @@ def array_in(record, place):
 
 def test_grasps_stay_where_they_are(run, simulation):
     """Nothing of a grasp's page is carried."""
-    scene = scene_of(run)
+    scene = make_scene(run)
     record = record_of(scene)
     assert scene.carried is None and record["carried"] is None and record["rate"] == 30
     assert np.array_equal(scene.object_at(7), scene.object_pose)
@@ -453,7 +453,7 @@ def test_grasps_stay_where_they_are(run, simulation):
     assert record["phases"] == [["approach", 0, touch], ["grasp", touch, closed]]
     assert record["heading"] == "Margins of the grasp" and "other loads" in record["load_told"]
     assert np.allclose(array_in(record, "load"), np.tile(run.load[:3], (len(scene.times), 1)))
-    with_simulation = record_of(scene_of(run, simulation))["phases"]
+    with_simulation = record_of(make_scene(run, simulation))["phases"]
     assert [name for name, *_ in with_simulation] == ["approach", "grasp", "simulated hold"]
 
 
@@ -464,19 +464,19 @@ def moved_by(scene, pose):
     flat = links.reshape(-1, 7)
     turned = (turn * Rotation.from_quat(flat[:, [4, 5, 6, 3]])).as_quat()[:, [3, 0, 1, 2]]
     links = np.concatenate([flat[:, :3] @ pose[:3, :3].T + pose[:3, 3], turned], axis=1).reshape(links.shape)
-    return replace(scene, link_poses=links, carried=np.tile(sevens(pose), (len(links), 1)))
+    return replace(scene, link_poses=links, carried=np.tile(to_sevens(pose), (len(links), 1)))
 
 
 @pytest.mark.slow
 def test_all_that_is_carried_is_drawn_where_it_is(run):
     """A camera that is carried along sees the same picture."""
-    scene = scene_of(run)
+    scene = make_scene(run)
     angle = np.radians(70.0)
     turn = Rotation.from_rotvec(angle * scene.up).as_matrix()
     away = moved_by(scene, pose_of(0.4 * np.cross(scene.up, scene.view), turn))
 
     def seen(scene, view):
-        return imread(io.BytesIO(content_of(picture_of(scene, scene.closed, view=view))))[..., :3]
+        return imread(io.BytesIO(encode_figure(draw_picture(scene, scene.closed, view=view))))[..., :3]
 
     before = seen(scene, scene.view)
     assert differing(before, seen(away, turn @ scene.view)) < 2e-3
@@ -505,7 +505,7 @@ def test_names_cannot_leave_the_record(run, tmp_path):
     assert text.count("</script>") == 2 and "<script>alert" not in text
     from pinograsp.viz.panel import forces, head
 
-    scene = scene_of(replace(evil, contacts=replace(run.contacts, names=("<img src=x>", "b", "c"))))
+    scene = make_scene(replace(evil, contacts=replace(run.contacts, names=("<img src=x>", "b", "c"))))
     assert "<script" not in head(scene) and "<img" not in forces(scene, 0)
 
 
@@ -654,7 +654,7 @@ def offline(chromium, run, tmp_path):
 
 
 def test_the_file_draws_the_grasp_and_follows_its_slider(offline, run):
-    scene = scene_of(run)
+    scene = make_scene(run)
     canvas = offline.locator("#scene")
     start = scene.frame_at(scene.closed)
     closed = pixels(canvas)
@@ -715,7 +715,7 @@ def test_the_file_shows_collision_shapes_in_place_of_what_is_seen(chromium, tmp_
 @pytest.mark.slow
 def test_the_files_arrows_grow_with_the_force(offline, run):
     """With all else hidden, the thumb's arrow is as long on the screen as its force is large."""
-    scene = scene_of(run)
+    scene = make_scene(run)
     for layer in ("hand", "object", "frames", "cones", "labels", "ground"):
         offline.locator(f"#layer-{layer}").uncheck()
     offline.evaluate(
@@ -1007,13 +1007,13 @@ def test_no_web_page_from_elsewhere_reads_the_live_page(live):
 def test_a_page_for_other_machines_answers_to_addresses_and_its_own_names():
     import socket
 
-    from pinograsp.viz.access import welcome
+    from pinograsp.viz.access import is_welcome
 
     for name in ("192.168.1.2:8080", "[fe80::1]:8080", "localhost", socket.gethostname()):
-        assert welcome("0.0.0.0", [name], [f"http://{name}"]), name
-        assert not welcome("0.0.0.0", [name], ["http://evil.example"])
-    assert not welcome("0.0.0.0", ["evil.example"], ["http://evil.example"])
-    assert not welcome("0.0.0.0", ["localhost", "localhost"], [])
+        assert is_welcome("0.0.0.0", [name], [f"http://{name}"]), name
+        assert not is_welcome("0.0.0.0", [name], ["http://evil.example"])
+    assert not is_welcome("0.0.0.0", ["evil.example"], ["http://evil.example"])
+    assert not is_welcome("0.0.0.0", ["localhost", "localhost"], [])
 
 
 def test_the_live_page_listens_on_the_loopback_interface_alone(live):
