@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from pinograsp import defaults
 from pinograsp.cases.changes import CaseChanges
-from pinograsp.cases.reading import change_values, changes_of, check_extent, read_mapping, validated
+from pinograsp.cases.reading import change_values, check_extent, read_changes, read_mapping, validate
 from pinograsp.cases.sections import (
     Angles,
     ComplianceSection,
@@ -235,14 +235,14 @@ def load_case(source: str | Path, changes: CaseChanges = _AS_IT_IS, *, texts: Se
             f"case '{name}': hand.trusted: no file can say so itself: give it where the case is opened "
             "(--set hand.trusted=true, {'hand.trusted': True})"
         )
-    data = change_values(data, changes_of(changes, texts))
+    data = change_values(data, read_changes(changes, texts))
     check_extent(data, f"case '{name}'")
     if "folder" in data:
         raise CaseRejected(f"case '{name}': folder: unknown key")
-    return validated(Case, {**data, "folder": path.resolve().parent}, f"case '{name}'")
+    return validate(Case, {**data, "folder": path.resolve().parent}, f"case '{name}'")
 
 
 def with_changes(case: Case, changes: Mapping[str, object]) -> Case:
     """``case`` with some values changed; keys and errors as in :func:`load_case`."""
     data = change_values(case.settings(), changes)
-    return validated(Case, {**data, "folder": case.folder}, f"case '{case.name}'")
+    return validate(Case, {**data, "folder": case.folder}, f"case '{case.name}'")

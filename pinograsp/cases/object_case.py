@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from pinograsp import defaults
-from pinograsp.cases.reading import validated
+from pinograsp.cases.reading import validate
 from pinograsp.cases.sections import (
     NotNegative,
     Number,
@@ -137,7 +137,7 @@ class ObjectCase(Section):
         Raises:
             CaseRejected: values that cannot be used, all of them named at once.
         """
-        return validated(cls, values, "hand and object")
+        return validate(cls, values, "hand and object")
 
     def settings(self) -> dict[str, Any]:
         """As plain values with all defaults."""

@@ -21,7 +21,7 @@ _DEEPEST, _MOST_PARTS = 50, 3_000_000  # nesting of lists and mappings, and numb
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-def validated(kind: type[_Model], data: Mapping[str, Any], what: str = "", also: Iterable[str] = ()) -> _Model:
+def validate(kind: type[_Model], data: Mapping[str, Any], what: str = "", also: Iterable[str] = ()) -> _Model:
     """``data`` as a checked ``kind``.
 
     Raises:
@@ -117,7 +117,7 @@ def _read(content: bytes) -> Any:
     return documents[0] if documents else None
 
 
-def changes_of(changes: Mapping[str, object], texts: Iterable[str] = ()) -> dict[str, Any]:
+def read_changes(changes: Mapping[str, object], texts: Iterable[str] = ()) -> dict[str, Any]:
     """Changes to a case by key, from a mapping and from texts ``key=value``."""
     wanted = "{key: value} with texts as keys (key=value as a text: texts=)"
     parsed: dict[str, Any] = mapping_of("changes", changes, wanted)

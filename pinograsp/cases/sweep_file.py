@@ -19,7 +19,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator,
 from pinograsp.cases.case import load_case
 from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.object_case import ObjectCase, object_fields
-from pinograsp.cases.reading import change_values, check_extent, read_mapping, validated
+from pinograsp.cases.reading import change_values, check_extent, read_mapping, validate
 from pinograsp.cases.sections import NotNegative, Number, Positive, Section, find_source
 from pinograsp.cases.sweep_rows import IMPACT_TIME, SweepBase
 from pinograsp.checks import mapping_of, path_of
@@ -249,7 +249,7 @@ class SweepSpec(Section):
         known = _names({**ObjectCase.of(hand="", object="").settings(), "object": fields})
         try:
             data = change_values({"hand": self.hand, "object": fields}, fixed)
-            validated(ObjectCase, {**data, "folder": self.folder})
+            validate(ObjectCase, {**data, "folder": self.folder})
         except CaseRejected as error:
             raise self._rejected(error, fixed, known) from None
         return data, str(self.folder), known
@@ -323,7 +323,7 @@ def load_sweep(source: str | Path | dict[str, Any]) -> SweepSpec:
     for key in ("name", "folder"):
         if key in data:
             raise CaseRejected(f"sweep '{name}': {key}: unknown key")
-    spec = validated(SweepSpec, {**data, "name": name, "folder": folder}, f"sweep '{name}'", Draw.model_fields)
+    spec = validate(SweepSpec, {**data, "name": name, "folder": folder}, f"sweep '{name}'", Draw.model_fields)
     try:
         json.dumps([spec.set, spec.object, {key: v for key, v in spec.over.items() if not isinstance(v, Span)}])
     except (TypeError, ValueError) as error:

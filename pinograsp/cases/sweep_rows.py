@@ -9,7 +9,7 @@ from pydantic import Field
 
 from pinograsp.cases.case import Case
 from pinograsp.cases.object_case import ObjectCase
-from pinograsp.cases.reading import change_values, validated
+from pinograsp.cases.reading import change_values, validate
 from pinograsp.cases.sections import Objective, Section
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import CaseRejected
@@ -41,7 +41,7 @@ class SweepBase(Section):
         changes = {key: value for key, value in inputs.items() if key != IMPACT_TIME}
         kind: type[CachedCase | ObjectCase] = CachedCase if self.kind == "case" else ObjectCase
         try:
-            case = validated(kind, {**change_values(self.data, changes), "folder": self.folder})
+            case = validate(kind, {**change_values(self.data, changes), "folder": self.folder})
         except CaseRejected as error:
             raise CaseRejected(str(error).removeprefix("--set ")) from None
         asked = isinstance(case, ObjectCase) and "reserve" in case.model_fields_set and case.reserve is not None

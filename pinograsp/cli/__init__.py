@@ -19,7 +19,7 @@ try:  # Ctrl-C may come while the commands are imported
 
     from pinograsp.cli.app import app
     from pinograsp.cli.remedies import as_options
-    from pinograsp.cli.screen import wrapped
+    from pinograsp.cli.screen import wrap_text
     from pinograsp.cli.session import Session
 except KeyboardInterrupt:
     sys.stderr.write("pinograsp: interrupted\n")
@@ -135,4 +135,4 @@ def _say(text: str) -> None:
     """Print an error: wrapped on a terminal, unbroken elsewhere, where it is searched."""
     text = escaped(f"pinograsp: {text}", keep="\n")
     width = shutil.get_terminal_size().columns
-    typer.echo("\n".join(wrapped(text, width)) if sys.stderr.isatty() else text, err=True)
+    typer.echo("\n".join(wrap_text(text, width)) if sys.stderr.isatty() else text, err=True)

@@ -13,7 +13,7 @@ import typer
 from pinograsp import defaults
 from pinograsp.cli import completion
 from pinograsp.cli.options import HandOptions, WorkerOptions, read_pairs
-from pinograsp.cli.screen import RIGHT, console, listed, print_table, show
+from pinograsp.cli.screen import RIGHT, console, list_facts, print_table, show
 from pinograsp.cli.session import OUTPUT, REQUIRED, Session, option
 from pinograsp.errors import InvalidInput, Status
 
@@ -190,7 +190,7 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> N
         facts.append(("look at", f"{len(done.hints) - _SHOWN} more objects whose grasps are misplaced like this"))
     facts += [("not written", f"{file}: {message}") for file, message in list(unwritten.items())[:_SHOWN]]
     screen = console()
-    for line in listed(facts, 3):
+    for line in list_facts(facts, 3):
         screen.print(line, style="yellow", soft_wrap=True)
     holding = done.counts.get("held", 0)
     left = "; some are left: the same command continues" if done.interrupted else ""

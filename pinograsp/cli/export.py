@@ -171,13 +171,13 @@ def _write_plan(
 ) -> tuple[JointTrajectory, tuple[JawCommand, ...]]:
     """Write a run's plan; returns the joints' or drives' trajectory, and what jaws are sent."""
     from pinograsp.handover import jaw_commands
-    from pinograsp.handover.commands import commanded
+    from pinograsp.handover.commands import make_commands
     from pinograsp.planner import load_run
 
     plan = load_run(run)
     if files.scene and files.mujoco is not None and len(files.places) == 1:
         return plan.to_mujoco(files.mujoco, scene=True, **settings), ()
-    trajectory = commanded(plan, **{"command": None, **settings})  # its errors come before anything is written
+    trajectory = make_commands(plan, **{"command": None, **settings})  # its errors come before anything is written
     jaws = jaw_commands(plan) if settings.get("command") == "jaw" else ()
     if files.csv is not None:
         trajectory = plan.to_csv(files.csv, **files.contents["--csv"], **settings)

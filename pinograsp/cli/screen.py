@@ -56,11 +56,11 @@ def print_table(
 
 def tell(text: str, width: int | None = None) -> None:
     """Print text, its lines wrapped; what follows of a line is indented further than its beginning."""
-    for line in wrapped(text, width):
+    for line in wrap_text(text, width):
         typer.echo(line)
 
 
-def wrapped(text: str, width: int | None = None) -> list[str]:
+def wrap_text(text: str, width: int | None = None) -> list[str]:
     """Lines of at most ``width`` columns, those of the terminal by default; longer words (paths) stay whole."""
     found = []
     for line in escaped(text, keep="\n").split("\n"):
@@ -80,7 +80,7 @@ def _fill(text: str, first: str, others: str, width: int | None) -> list[str]:
     ) or [first.rstrip()]
 
 
-def listed(facts: Sequence[Fact], most: int | None = None) -> list[str]:
+def list_facts(facts: Sequence[Fact], most: int | None = None) -> list[str]:
     """Facts as two columns; ``most``: lines of each, what goes beyond is left out and marked by dots."""
     indent = max((len(name) for name, _ in facts), default=0) + 2
     found = []
@@ -117,7 +117,7 @@ def show(
     from rich.text import Text
 
     ended = _answer(answers, then)
-    lines = listed(facts, 2 if more else None)
+    lines = list_facts(facts, 2 if more else None)
     room = _ROWS - len(ended) - 1 - bool(title)
     if more and len(lines) > room:
         lines = [*lines[: max(room - 1, 0)], f"... {more}"]
@@ -137,7 +137,7 @@ def _answer(answers: Sequence[Fact], then: Sequence[Fact]) -> list[Fact]:
     indent = max(len(name) for name, _ in answers) + 2
     found = []
     for i, (name, text) in enumerate(answers):
-        lines = listed([(name.ljust(indent - 2), text)], 4 if i == 0 else 3)
+        lines = list_facts([(name.ljust(indent - 2), text)], 4 if i == 0 else 3)
         found += [(line[:indent], line[indent:]) for line in lines]
     width = max((len(one) for one, _ in then), default=0)
     for i, (one, what) in enumerate(then):

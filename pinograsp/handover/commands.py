@@ -79,7 +79,7 @@ def drive_commands(
     return in_drives(plan.require_hand(), joints, command, stiffness, damping, shortfall)
 
 
-def commanded(
+def make_commands(
     plan: PlanRecord,
     command: Command | None,
     *,

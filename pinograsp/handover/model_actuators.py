@@ -8,56 +8,19 @@ types is kept here. In the end MuJoCo says what the controls make.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from pinograsp.hands.coupling import Coupling
+from pinograsp.handover.samples import JointSamples
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 SLACK = 1e-6  # beyond a range, in its unit
 _FAINT = 1e-6  # weight of the forces' own squares beside what they make
 _NUDGE = 1e-3  # of a control: how an activation answers; within the range of muscles, whose answer up and down differs
-
-
-class Driven(Protocol):
-    """A trajectory, as far as its actuators are concerned; the fields are those of ``JointTrajectory``."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Joints (n,)."""
-
-    @property
-    def times(self) -> Array:
-        """(m,) [s]."""
-
-    @property
-    def q(self) -> Array:
-        """Positions (m, n)."""
-
-    @property
-    def dq(self) -> Array:
-        """Rates (m, n)."""
-
-    @property
-    def ddq(self) -> Array:
-        """Accelerations (m, n)."""
-
-    @property
-    def effort(self) -> Array:
-        """Feed-forward (m, n)."""
-
-    @property
-    def contact_effort(self) -> Array | None:
-        """Share of it against the contact forces (m, n)."""
-
-    @property
-    def couplings(self) -> Mapping[str, Coupling]:
-        """By coupled joint."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,7 +92,7 @@ class Actuators:
         self.range: Array = np.where(limited, model.actuator_actrange, [-np.inf, np.inf])
         self.range[model.actuator_dyntype == mujoco.mjtDyn.mjDYN_MUSCLE] = 0.0, 1.0
 
-    def play(self, path: Path, own: Driven, feed_forward: bool) -> Played:
+    def play(self, path: Path, own: JointSamples, feed_forward: bool) -> Played:
         """Controls and activations along a path, and what the model makes of them."""
         (m, n), count = own.q.shape, self.model.nactuator
         values, states = np.zeros((m, count)), np.zeros((m, count))  # control, activation of each actuator
@@ -176,7 +139,7 @@ class Actuators:
         played.act[:, self.state] = states[:, self.stateful]
         return played
 
-    def _demand(self, path: Path, own: Driven, i: int) -> tuple[Array, Array, Array]:
+    def _demand(self, path: Path, own: JointSamples, i: int) -> tuple[Array, Array, Array]:
         """Efforts of the trajectory's joints at a sample (n,), the actuators' moments (nout, nv), and what they make
         without any force of theirs, such as compensated weight (nv,).
         """

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, shown
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.actuators import Controls
-from pinograsp.handover.model_actuators import SLACK, Actuators, Driven, Path, Played
+from pinograsp.handover.model_actuators import SLACK, Actuators, Path, Played
+from pinograsp.handover.samples import JointSamples
 
 # Efforts that the actuators do not make are told from this share of the largest on, and where joints would accelerate
 # by so much [rad/s^2 or m/s^2].
@@ -22,7 +23,7 @@ _SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
 def controls(
-    model: Any, own: Driven, every: Driven, qpos: ArrayLike | None, feed_forward: bool, prefix: str
+    model: Any, own: JointSamples, every: JointSamples, qpos: ArrayLike | None, feed_forward: bool, prefix: str
 ) -> Controls:
     """The controls of a ``mujoco.MjModel``, at which its hand moves as the trajectory and presses with its forces.
 
@@ -69,7 +70,7 @@ def _inputs(model: Any) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _path(model: Any, own: Driven, every: Driven, qpos: ArrayLike | None, prefix: str) -> Path:
+def _path(model: Any, own: JointSamples, every: JointSamples, qpos: ArrayLike | None, prefix: str) -> Path:
     """The trajectory in the model's coordinates; :class:`InvalidInput` where the model has not its joints."""
     joints = {model.joint(j).name: j for j in range(model.njnt) if model.jnt_type[j] in _SCALAR}
     missing = [prefix + name for name in every.names if prefix + name not in joints]
@@ -93,7 +94,7 @@ def _path(model: Any, own: Driven, every: Driven, qpos: ArrayLike | None, prefix
     return Path(qpos=found[0], qvel=found[1], qacc=found[2], leads=leads, place=place)
 
 
-def _notes(model: Any, path: Path, own: Driven, played: Played, feed_forward: bool) -> list[str]:
+def _notes(model: Any, path: Path, own: JointSamples, played: Played, feed_forward: bool) -> list[str]:
     """What does not fit."""
     names = [model.actuator(u).name or f"actuator {u}" for u in range(model.nactuator)]
     low, high = model.actuator_ctrlrange.T
@@ -129,7 +130,7 @@ def _notes(model: Any, path: Path, own: Driven, played: Played, feed_forward: bo
     return notes + _constraint_notes(model, path, own)
 
 
-def _constraint_notes(model: Any, path: Path, own: Driven) -> list[str]:
+def _constraint_notes(model: Any, path: Path, own: JointSamples) -> list[str]:
     """Coupled joints that nothing couples in the model, and constraints of it that the motion violates."""
     tied, data, off = copy.copy(model), mujoco.MjData(model), mujoco.mjtDisableBit
     tied.opt.disableflags |= int(off.mjDSBL_CONTACT) | int(off.mjDSBL_LIMIT)

@@ -32,7 +32,7 @@ def read_csv(path: str | Path) -> JointTrajectory:
         InvalidInput: no regular file, none of at most 16 MiB, or no such table.
     """
     path = path_of("path", path)
-    return trajectory_of(path, *read_table(path))
+    return make_trajectory(path, *read_table(path))
 
 
 def read_table(path: Path) -> tuple[list[str], Array]:
@@ -66,7 +66,7 @@ def read_table(path: Path) -> tuple[list[str], Array]:
     return names, values
 
 
-def trajectory_of(path: Path, header: list[str], values: Array) -> JointTrajectory:
+def make_trajectory(path: Path, header: list[str], values: Array) -> JointTrajectory:
     """The trajectory of a table's names (n,) and numbers (m, n), as :meth:`JointTrajectory.to_csv` orders them."""
     gains = [name for name in GAINS if any(column.endswith(f"/{name}") for column in header)]
     kinds = [*FIELDS, *gains]

@@ -109,14 +109,7 @@ def write_scene(
     one_of("suffix of a MuJoCo scene", path.suffix, (".xml",))
     one_of("command", command, COMMANDS)
     hold = number("hold", hold, at_least=0, at_most=_LONGEST_HOLD, unit="s")
-    hand, body = instance_of("plan", plan, PlanRecord).require_hand(), plan.body
-    if body is None:
-        raise InvalidInput(
-            "scene=True: expected a plan with an object, got one without: plan on a shape (pinograsp.Sphere, ...), or "
-            "leave scene out"
-        )
-    if not all(plan.contacts.links):
-        raise InvalidInput("scene=True: expected contacts of a hand, got some without a link: plan with a hand")
+    hand, body = _require_both(plan)
     if command == "jaw":
         jaw_commands(plan, shortfall=shortfall)  # a hand with jaws that press
     joints = joint_trajectory(plan, **sampling)
@@ -124,10 +117,10 @@ def write_scene(
     if joints.times.size < 2:
         raise InvalidInput("rate: expected two samples at least, got one: take a higher rate")
     step = float(joints.times[1] - joints.times[0])
-    spec, notes = _outlined(plan, hand, body, step / math.ceil(step / _LONGEST_STEP - 1e-9))
+    spec, notes = _outline(plan, hand, body, step / math.ceil(step / _LONGEST_STEP - 1e-9))
     kp = _add_drives(spec, hand, command, stiffness, np.abs(drives.effort[-1]), damping)
     _add_support(spec, body, plan.gravity_o)
-    servos = _finished(spec, hand, plan, kp)
+    servos = _finish(spec, hand, plan, kp)
     if command != "torque":
         notes += _set_step(spec, hand, joints, servos)
     model = compiled(spec)
@@ -142,25 +135,47 @@ def write_scene(
         ctrl = drives.q[held] + (pressed * effort + servos.damping * drives.dq[held]) / servos.stiffness
     supported = np.clip(1.0 - (times - final) / _FADING, 0.0, 1.0)
     ctrl = np.hstack([ctrl, np.tile(supported[:, None], len(_AXES))])
-    found = _controls(model, joints.with_followers(), times, held, ctrl)
+    found = _make_controls(model, joints.with_followers(), times, held, ctrl)
     shown = int(np.searchsorted(times, final + _FADING + _LOOKED_AT, side="right"))
     notes += _play(model, found, round(step / model.opt.timestep), shown)
 
     touch = 0 if joints.impact_time is None else int(np.searchsorted(times, joints.impact_time - 1e-9))
     grasp = min(int(np.searchsorted(times, final - 1e-9)), times.size - 1)
-    keys = replace(found, qvel=found.qvel.copy(), ctrl=found.ctrl.copy())
-    keys.qvel[grasp], keys.ctrl[grasp] = 0.0, ctrl[-1]
-    keys.ctrl[grasp, -len(_AXES) :] = 0.0
-    lines = keyframes(times, keys, {"start": 0, "touch": touch, "grasp": grasp})
-    # The writer leaves out that inertias of real files may break the triangle inequality.
-    comments = "\n  ".join(f"<!-- {printable(line).replace('--', '- -')} -->" for line in (*_SOLVER, *notes))
-    text = spec.to_xml().replace("<compiler ", f'{comments}\n\n  <compiler balanceinertia="true" ', 1)
-    inner = "\n".join(f"    {line}" for line in lines)
-    write_file(path.with_suffix(".npz"), archive(times, found))
-    write_file(path, text.replace("</mujoco>", f"  <keyframe>\n{inner}\n  </keyframe>\n</mujoco>").encode())
+    _write(path, spec, times, found, {"start": 0, "touch": touch, "grasp": grasp}, notes)
     if command == "torque":
         notes.append("torques alone do not correct the posture: a hand that drifts may miss the object or lose it")
     return replace(drives, notes=(*drives.notes, *notes))
+
+
+def _require_both(plan: PlanRecord) -> tuple[HandModel, Body]:
+    """Hand and object of a plan; :class:`InvalidInput` where one is not there, or contacts have no link."""
+    hand, body = instance_of("plan", plan, PlanRecord).require_hand(), plan.body
+    if body is None:
+        raise InvalidInput(
+            "scene=True: expected a plan with an object, got one without: plan on a shape (pinograsp.Sphere, ...), or "
+            "leave scene out"
+        )
+    if not all(plan.contacts.links):
+        raise InvalidInput("scene=True: expected contacts of a hand, got some without a link: plan with a hand")
+    return hand, body
+
+
+def _write(
+    path: Path, spec: mujoco.MjSpec, times: Array, found: Controls, keys: dict[str, int], notes: list[str]
+) -> None:
+    """Write a scene with keyframes at the samples ``keys``, and its controls; at ``grasp`` those of the hold, at rest
+    and without the support.
+    """
+    frozen = replace(found, qvel=found.qvel.copy(), ctrl=found.ctrl.copy())
+    grasp = keys["grasp"]
+    frozen.qvel[grasp], frozen.ctrl[grasp] = 0.0, found.ctrl[-1]
+    frozen.ctrl[grasp, -len(_AXES) :] = 0.0
+    # The writer leaves out that inertias of real files may break the triangle inequality.
+    comments = "\n  ".join(f"<!-- {printable(line).replace('--', '- -')} -->" for line in (*_SOLVER, *notes))
+    text = spec.to_xml().replace("<compiler ", f'{comments}\n\n  <compiler balanceinertia="true" ', 1)
+    inner = "\n".join(f"    {line}" for line in keyframes(times, frozen, keys))
+    write_file(path.with_suffix(".npz"), archive(times, found))
+    write_file(path, text.replace("</mujoco>", f"  <keyframe>\n{inner}\n  </keyframe>\n</mujoco>").encode())
 
 
 class _Servos(NamedTuple):
@@ -170,7 +185,7 @@ class _Servos(NamedTuple):
     damping: Array
 
 
-def _outlined(plan: PlanRecord, hand: HandModel, body: Body, time_step: float) -> tuple[mujoco.MjSpec, list[str]]:
+def _outline(plan: PlanRecord, hand: HandModel, body: Body, time_step: float) -> tuple[mujoco.MjSpec, list[str]]:
     """Hand, its springs and the object, and notes on what the scene leaves out."""
     links = plan.contacts.links
     slides = hand.slides
@@ -265,7 +280,7 @@ def _set_step(spec: mujoco.MjSpec, hand: HandModel, joints: JointTrajectory, ser
     ]
 
 
-def _finished(spec: mujoco.MjSpec, hand: HandModel, plan: PlanRecord, kp: Array) -> _Servos:
+def _finish(spec: mujoco.MjSpec, hand: HandModel, plan: PlanRecord, kp: Array) -> _Servos:
     """Set what follows from the compiled model: stiffness of the contacts, damping of the servos (m,)."""
     model = compiled(spec)
     _set_contacts(spec, hand, plan, model)
@@ -360,7 +375,7 @@ def _set_contacts(spec: mujoco.MjSpec, hand: HandModel, plan: PlanRecord, model:
         geom.solref = [-s, -2 * math.sqrt(s * (1 - _IMPEDANCE))]
 
 
-def _controls(model: mujoco.MjModel, every: JointTrajectory, times: Array, held: Array, ctrl: Array) -> Controls:
+def _make_controls(model: mujoco.MjModel, every: JointTrajectory, times: Array, held: Array, ctrl: Array) -> Controls:
     qpos, qvel = np.tile(model.qpos0, (times.size, 1)), np.zeros((times.size, model.nv))
     for column, name in enumerate(every.names):
         qpos[:, model.joint(name).qposadr[0]] = every.q[held, column]

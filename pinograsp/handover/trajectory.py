@@ -17,6 +17,7 @@ from pinograsp.checks import array_of, brief, flag, items_of, mapping_of, number
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.actuators import Controls, write_keyframes
 from pinograsp.handover.quintic import between, interpolate
+from pinograsp.handover.samples import JointSamples
 from pinograsp.handover.yaml_text import write_yaml
 from pinograsp.hands.coupling import Coupling
 from pinograsp.spatial import Array
@@ -30,7 +31,7 @@ MESSAGE = {"positions": "q", "velocities": "dq", "accelerations": "ddq", "effort
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JointTrajectory:
+class JointTrajectory(JointSamples):
     """Joint positions and what goes with them, at a controller's rate; it starts and ends at rest.
 
     Attributes:
@@ -56,15 +57,7 @@ class JointTrajectory:
         InvalidInput: fields of other kinds or sizes, times that do not grow, or couplings to joints that are not there.
     """
 
-    names: tuple[str, ...]
-    times: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    ddq: np.ndarray
-    effort: np.ndarray
-    contact_effort: np.ndarray | None = None
     joints: tuple[str, ...] = ()
-    couplings: Mapping[str, Coupling] = field(default_factory=dict)
     begin: float | None = None
     impact_time: float | None = None
     final_time: float | None = None

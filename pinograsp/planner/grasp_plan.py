@@ -25,7 +25,7 @@ from pinograsp.handover import (
     write_core,
     write_jaws,
 )
-from pinograsp.handover.commands import COMMANDS, commanded, write_drive_keyframes
+from pinograsp.handover.commands import COMMANDS, make_commands, write_drive_keyframes
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
@@ -140,7 +140,7 @@ class GraspPlan(PlanRecord):
         Raises:
             InvalidInput: as :func:`pinograsp.handover.drive_commands`. ResultsNotWritten.
         """
-        trajectory = commanded(self, command, **commanding)
+        trajectory = make_commands(self, command, **commanding)
         if command == "jaw":
             write_jaws(jaw_commands(self, shortfall=commanding.get("shortfall", SHORTFALL)), path)
             return trajectory
@@ -167,7 +167,7 @@ class GraspPlan(PlanRecord):
         if command is not None and one_of("command", command, COMMANDS) == "jaw":
             jaws = jaw_commands(self, shortfall=commanding.get("shortfall", SHORTFALL))
             return gripper_message(jaws, path, followers=followers, frame=frame)
-        trajectory = commanded(self, command, **commanding)
+        trajectory = make_commands(self, command, **commanding)
         return trajectory.to_ros2(path, followers=followers, effort=effort, goal=goal, frame=frame)
 
     def to_mujoco(
@@ -210,7 +210,7 @@ class GraspPlan(PlanRecord):
             return write_scene(self, path, "impedance" if command is None else command, hold=hold, **commanding)
         if command is not None:
             return write_drive_keyframes(self, path, command, **commanding)
-        trajectory = commanded(self, None, **commanding)
+        trajectory = make_commands(self, None, **commanding)
         return trajectory.to_mujoco(path, model=model, qpos=qpos, feed_forward=feed_forward, prefix=prefix)
 
     def to_core(self, path: str | Path, **settings: Unpack[LoopSettings]) -> Path:
@@ -269,10 +269,10 @@ class GraspPlan(PlanRecord):
             InvalidInput: as there, or another suffix.
             ResultsNotWritten: the file cannot be written.
         """
-        from pinograsp.viz.scene import scene_of
+        from pinograsp.viz.scene import make_scene
         from pinograsp.viz.still import write_picture
 
-        scene = scene_of(self)
+        scene = make_scene(self)
         when = scene.closed if time is None else time
         return write_picture(scene, path, when, view=view, collision_shapes=collision_shapes)
 
@@ -295,9 +295,9 @@ class GraspPlan(PlanRecord):
             InvalidInput, ExtraMissing, ResultsNotWritten: as there.
         """
         from pinograsp.viz.film import write_film
-        from pinograsp.viz.scene import scene_of
+        from pinograsp.viz.scene import make_scene
 
-        scene = scene_of(self)
+        scene = make_scene(self)
         return write_film(scene, path, view=view, collision_shapes=collision_shapes, seconds=seconds, progress=progress)
 
     def save_figures(self, folder: str | Path) -> list[Path]:

@@ -17,10 +17,9 @@ import pytest
 import yaml
 from shipped_hands import listed
 from typer.main import get_command
-from typer.testing import CliRunner
 
 import pinograsp.cases
-from pinograsp.cases import builtin_cases, load_case
+from pinograsp.cases import load_case
 from pinograsp.cli import app
 from pinograsp.errors import CaseRejected
 from pinograsp.hands.catalogue import shipped_folder as urdf_folder
@@ -175,16 +174,11 @@ def test_spheres_links_and_lists_in_a_case():
 
 BAD = {
     "unknown case": (["nothing"], "no case 'nothing': expected a YAML file or one of: paper"),
-    "a folder": (["."], "no case '.'"),
     "mass < 0": (["paper", "--set", "object.mass=-1"], "object.mass: Input should be greater than 0 (got -1)"),
-    "mu < 0": (["paper", "--set", "friction.mu=-0.1"], "friction.mu"),
-    "nan": (["paper", "--set", "friction.mu=.nan"], "friction.mu"),
     "infinite": (["paper", "--set", "object.mass=.inf"], "object.mass"),
-    "text for a number": (["paper", "--set", "object.mass=heavy"], "object.mass"),
     "crossed t_I": (["paper", "--set", "limits.impact_time=[0.95, 0.8]"], "lower bound 0.95 is above upper bound 0.8"),
     "t_I after t_F": (["paper", "--set", "limits.final_time=0.9"], "must lie before final_time"),
     "unknown key": (["paper", "--set", "object.mas=1"], "object.mas: unknown key"),
-    "unknown section": (["paper", "--set", "objekt.mass=1"], "objekt: unknown key"),
     "folder is not a key": (["paper", "--set", "folder=x"], "unknown key"),
     "key below a value": (["paper", "--set", "object.mass.unit=1"], "has no further keys"),
     "index out of range": (["paper", "--set", "contacts.7=1"], "below 3"),
@@ -192,40 +186,24 @@ BAD = {
     "broken value": (["paper", "--set", "object.mass=[1"], "not valid YAML"),
     "unknown search": (["paper", "--search", "magic"], "forces.search"),
     "unknown solver": (["paper", "--solver", "no_such_solver"], "forces.solver"),
-    "unknown balance": (["paper", "--balance", "none"], "forces.balance"),
     "missing urdf": (["paper", "--set", "hand.source=gone.urdf"], "no such file"),
     "unknown finger": (["paper", "--set", "contacts.0.finger=thumbb"], "did you mean 'thumb'"),
     "finger in posture": (["paper", "--set", "motion.posture_deg.pinky=[1,2,3,4]"], "pinky"),
     "unknown joint": (["paper", "--set", "hand.limits_deg.elbow=[0, 1]"], "elbow"),
     "point off the surface": (["paper", "--set", "contacts.0.point_mm=[-26, -96, 61]"], "nearest surface point"),
     "empty grid": (["paper", "--set", "grid.accelerations={start: 1, stop: 0.5, step: 0.1}"], "empty grid"),
-    "empty list": (["paper", "--set", "grid.impact_times=[]"], "empty grid"),
     "no contacts": (["paper", "--set", "contacts=[]"], "contacts"),
     "height of a sphere": (["paper", "--set", "object.shape=sphere"], "height_mm is needed for a cylinder"),
     "name with a slash": (["paper", "--set", "name=../up"], "name"),
-    "gravity of two": (["paper", "--set", "gravity=[0, 1]"], "gravity"),
-    "tiny grid step": (
-        ["paper", "--set", "grid.accelerations.step=1e-300"],
-        "expected 0 or a size from 1e-12 to 1e+12",
-    ),
     "too many grid values": (["paper", "--set", "grid.accelerations.step=1e-5"], "expected at most 10000 values"),
     "too many grid cells": (
         ["paper", "--set", "grid.accelerations.step=1e-4", "--set", "grid.impact_times.step=1e-4"],
         "at most 1000000 pairs",
     ),
-    "huge grid start": (
-        ["paper", "--set", "grid.impact_times.start=1e308"],
-        "expected 0 or a size from 1e-12 to 1e+12",
-    ),
-    "endless motion": (["paper", "--set", "limits.final_time=1e6"], "expected at most 200000 steps"),
-    "tiny stiffness": (["paper", "--set", "compliance.stiffness=1e-300"], "expected 0 or a size from 1e-12 to 1e+12"),
-    "huge exponent": (["paper", "--set", "compliance.exponent=300"], "less than or equal to 10"),
     "huge mass": (["paper", "--set", "object.mass=1e300"], "expected 0 or a size from 1e-12 to 1e+12"),
+    "endless motion": (["paper", "--set", "limits.final_time=1e6"], "expected at most 200000 steps"),
     "long name": (["paper", "--set", "name=" + "a" * 300], "at most 100 characters"),
-    "name of dots": (["paper", "--set", "name=.."], "name"),
     "long hand": (["paper", "--set", "hand.source=" + "a" * 300], "no such file"),
-    "long case": (["a" * 300], "no case"),
-    "no case at all": ([""], "no case"),
     "no decimal index": (["paper", "--set", "contacts.²=1"], "expected an index below 3"),
     "deep key": (["paper", "--set", "a" + ".a" * 3000 + "=1"], "at most 50 mappings and lists within each other"),
     "deep value": (
@@ -278,31 +256,24 @@ def test_no_option_is_left_out_silently_with_a_case(command):
 
 
 NO_GRASP = {
-    "infeasible load": (["--set", "object.mass=30"], "closest to balance"),
-    "no friction": (["--set", "friction.mu=0"], "no grasp found"),
-    "unreachable point": (["--set", "hand.position_mm=[300, 37, 50]"], "mm are left"),
+    "infeasible load": (["--set", "object.mass=30"], "closest to balance", "infeasible"),
+    "no friction": (["--set", "friction.mu=0"], "no grasp found", "infeasible"),
+    "unreachable point": (["--set", "hand.position_mm=[300, 37, 50]"], "mm are left", "not_reached"),
     "beyond a joint limit": (
         ["--set", "hand.limits_deg={}"],
         "with joints at their limits (thumb_abduction at 90.0 deg",
+        "not_reached",
     ),
 }
 
 
 @pytest.mark.parametrize("name", NO_GRASP)
 def test_no_grasp_gets_exit_code_3(command, tmp_path, name):
-    args, message = NO_GRASP[name]
-    code, out, err = command("plan", "paper", *args, "--out", "result")
-    assert code == 3 and out == "" and message in err and "Traceback" not in err
+    args, message, status = NO_GRASP[name]
+    code, out, err = command("plan", "paper", *args, "--out", "result", "--json")
+    told = json.loads(out)
+    assert code == 3 and err == "" and message in told["message"] and told["status"] == status
     assert list(tmp_path.iterdir()) == []
-
-
-def test_errors_reach_machines_too(command):
-    code, out, _ = command("plan", "paper", "--json", "--set", "object.mass=30")
-    assert code == 3 and json.loads(out)["status"] == "infeasible"
-    code, out, _ = command("plan", "paper", "--json", "--set", "hand.limits_deg={}")
-    assert code == 3 and json.loads(out)["error"] == "ContactNotReached"
-    code, out, _ = command("plan", "paper", "--json", "--set", "object.mass=-1")
-    assert code == 2 and json.loads(out)["status"] == "invalid_input"
 
 
 def test_a_motion_at_its_limit_stays_within_it(command, tmp_path):
@@ -348,12 +319,6 @@ def test_broken_case_files(command, tmp_path, text, message):
     code, _, err = command("plan", "case.yaml")
     assert code == 2 and message in err
     assert [path.name for path in tmp_path.iterdir()] == ["case.yaml"]
-
-
-def test_deep_sweep_files_are_refused(command, tmp_path):
-    (tmp_path / "sweep.yaml").write_text("[" * 3000)
-    code, _, err = command("sweep", "sweep.yaml")
-    assert code == 2 and "not valid YAML" in err and "Traceback" not in err
 
 
 def test_binary_case_file_and_strange_hands(command, tmp_path):
@@ -405,34 +370,6 @@ def test_interrupting_the_search(command, monkeypatch):
     monkeypatch.setattr(pruned, "refine_multipliers", interrupt)
     code, _, err = command("plan", "paper")
     assert code == 130 and "interrupted" in err
-
-
-def test_interrupting_elsewhere(command, monkeypatch):
-    import pinograsp.cases.case as module
-
-    monkeypatch.setattr(module, "plan_grasp", lambda *a, **k: (_ for _ in ()).throw(KeyboardInterrupt))
-    code, _, err = command("plan", "paper")
-    assert code == 130 and "interrupted" in err and "Traceback" not in err
-
-
-def test_help_and_version():
-    runner = CliRunner()
-    text = runner.invoke(app, ["plan", "--help"]).output
-    assert "--balance" in text and "pinograsp plan paper" in text
-    assert runner.invoke(app, ["--version"]).output.startswith("pinograsp 0.")
-    assert runner.invoke(app, []).exit_code in (0, 2)
-    assert builtin_cases() == ["paper"]
-
-
-def test_module_runs_as_a_script(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "pinograsp.cli", "plan", "nothing"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == 2 and "no case 'nothing'" in done.stderr
 
 
 def test_package_imports_quickly_without_heavy_libraries(tmp_path):
@@ -568,64 +505,13 @@ def test_bench_tells_times_of_this_machine(command):
 
 
 def test_quiet_and_verbose(command, loaded_once):
-    code, out, err = command("--quiet", "hands")
-    assert (code, out, err) == (0, "", "")
-    code, out, err = command("--verbose", "plan", "nothing_like_it")
-    assert code == 2 and "Traceback" in err and "no case 'nothing_like_it'" in err
-    code, out, err = command("plan", "nothing_like_it")
-    assert code == 2 and "Traceback" not in err
-
-
-def test_quiet_and_verbose_after_the_command(command):
-    assert command("hands", "panda", "--quiet") == (0, "", "") == command("hands", "panda", "-q")
-    code, _, err = command("plan", "nothing_like_it", "-v")
-    assert code == 2 and "Traceback" in err
+    """Before the command, and after it."""
+    for arguments in (("--quiet", "hands"), ("hands", "panda", "-q")):
+        assert command(*arguments) == (0, "", "")
+    for arguments in (("--verbose", "plan", "nothing_like_it"), ("plan", "nothing_like_it", "-v")):
+        code, _, err = command(*arguments)
+        assert code == 2 and "Traceback" in err and "no case 'nothing_like_it'" in err
     assert "Traceback" not in command("plan", "nothing_like_it")[2]  # not kept from call to call
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        [],
-        ["plan"],
-        ["close"],
-        ["check"],
-        ["hands"],
-        ["sweep"],
-        ["view"],
-        ["report"],
-        ["bench"],
-        ["export"],
-        ["carry"],
-        ["certify"],
-        ["new"],
-    ],
-)
-def test_short_help(command, arguments):
-    code, out, _ = command(*arguments, "-h")
-    assert code == 0 and "Usage: pinograsp" in out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["plan", "paper", "--foo"], "No such option: --foo"),
-        (["plan", "paper", "--seed", "x"], "--seed"),
-        (["plan", "a", "b"], "unexpected extra argument"),
-        (["check"], "Missing argument"),
-        (["nosuch"], "No such command"),
-        (["hands", "--root"], "--root"),
-        (["bench", "--contacts", "100000"], "at least 3 and at most 200"),
-    ],
-)
-def test_usage_errors_are_json_where_that_is_asked_for(command, arguments, message):
-    code, out, err = command(*arguments, "--json")
-    told = json.loads(out)
-    assert code == 2 and told.keys() == {"status", "error", "message", "remedy"} and told["status"] == "invalid_input"
-    assert told["remedy"]
-    assert message in told["message"] and err == "" and told["remedy"] not in told["message"]
-    code, out, err = command(*arguments)
-    assert code == 2 and out == "" and message in err
 
 
 def test_a_search_that_finds_no_placement_is_no_grasp(command):
@@ -778,9 +664,6 @@ def test_no_file_lets_its_hand_run_code(command, tmp_path):
     [
         ("frictoin.mu", "friction"),
         ("friction.mue", "mu"),
-        ("object.mas", "mass"),
-        ("limits.final_tme", "final_time"),
-        ("motion.sampels", "samples"),
         ("contacts.0.finge", "finger"),
         ("compliance.stifness", "stiffness"),
     ],

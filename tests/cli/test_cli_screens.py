@@ -17,7 +17,7 @@ from typer.main import get_command
 
 import pinograsp as pg
 from pinograsp.cli import app
-from pinograsp.cli.screen import listed, show, wrapped
+from pinograsp.cli.screen import list_facts, show, wrap_text
 from pinograsp.planner import load_run
 from pinograsp.spatial import pose_of
 
@@ -132,11 +132,14 @@ def test_many_contacts_and_cautions_fit_too(command, tmp_path, capsys, monkeypat
 
 
 def test_lines_are_wrapped_between_words_and_paths_stay_whole():
-    assert wrapped("  one two three", 11) == ["  one two", "    three"]
+    assert wrap_text("  one two three", 11) == ["  one two", "    three"]
     path = "a/" * 60
-    assert wrapped(f"written to {path} and more", 40) == ["written to", f"  {path}", "  and more"]
-    assert wrapped("a\x1b[2Jb", 40) == ["a\\x1b[2Jb"] and wrapped("", 40) == [""]
-    assert listed([("name", "one " * 60)], 2)[1].endswith(" one ...") and len(listed([("name", "one " * 60)], 2)) == 2
+    assert wrap_text(f"written to {path} and more", 40) == ["written to", f"  {path}", "  and more"]
+    assert wrap_text("a\x1b[2Jb", 40) == ["a\\x1b[2Jb"] and wrap_text("", 40) == [""]
+    assert (
+        list_facts([("name", "one " * 60)], 2)[1].endswith(" one ...")
+        and len(list_facts([("name", "one " * 60)], 2)) == 2
+    )
 
 
 def test_an_answer_always_has_room(capsys):
@@ -185,6 +188,11 @@ def _told_besides(told):
         ["report", "nowhere"],
         ["view", "nowhere"],
         ["new", "case.txt"],
+        ["plan", "paper", "--seed", "x"],
+        ["plan", "a", "b"],
+        ["check"],
+        ["nosuch"],
+        ["hands", "--root"],
     ],
     ids=" ".join,
 )
@@ -256,7 +264,8 @@ def examples() -> list[tuple[str, str]]:
 @pytest.mark.parametrize(("name", "line"), examples(), ids=lambda text: text if " " in text else "")
 def test_examples_are_understood_and_stay_in_a_line(command, name, line):
     """One that is wrapped would be two commands when it is pasted."""
-    assert line in [shown.strip() for shown in command(name, "-h")[1].splitlines()]
+    text = command(name, "-h")[1]
+    assert line in [shown.strip() for shown in text.splitlines()] and "MISSING" not in text
     for one in line.split(" && "):
         words = shlex.split(one)
         if words[0] == "pinograsp":

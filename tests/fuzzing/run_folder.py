@@ -24,7 +24,7 @@ from pinograsp.simulation import simulate
 from pinograsp.storage import newest_check, read_check, read_run, write_simulation
 from pinograsp.viz.figures import save_figures
 from pinograsp.viz.page import save_html
-from pinograsp.viz.scene import scene_of
+from pinograsp.viz.scene import make_scene
 
 _SMALL = {"motion.time_step": 0.02, "motion.samples": 3, "forces.search": "convex"}
 _KINDS = {
@@ -122,7 +122,7 @@ def run(case: dict) -> str:
         elif use == "page":
             save_html(loaded, folder / "page.html", simulation=check)
         elif use == "scene":
-            scene_of(loaded, check)
+            make_scene(loaded, check)
         elif use == "simulate":
             simulate(loaded, hold=0.002, time_step=1e-3, letting_go=0.002, sample=0.02)
         else:

@@ -113,13 +113,13 @@ def test_scenes_have_the_body_in_the_frame_of_the_file(plan, tmp_path):
 
 
 def test_viewers_draw_the_object_where_it_is(plan):
-    from pinograsp.viz.scene import scene_of
-    from pinograsp.viz.solids import placed
+    from pinograsp.viz.scene import make_scene
+    from pinograsp.viz.solids import place_solid
 
-    scene = scene_of(plan)
+    scene = make_scene(plan)
     (solid,) = [one for one in scene.solids if one.link is None]
     assert np.allclose(scene.object_pose[:3], plan.body.pose[:3, 3])
-    assert np.abs(plan.body.project(placed(solid, scene.object_pose))[2]).max() < 1e-6
+    assert np.abs(plan.body.project(place_solid(solid, scene.object_pose))[2]).max() < 1e-6
 
 
 # -- grasps that are misplaced ---------------------------------------------------------------------------------------
