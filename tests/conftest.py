@@ -171,7 +171,9 @@ def no_rendering(monkeypatch):
     In pictures of grasps no surface is drawn.
     """
     monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: Image.new("1", (1, 1)).save(path))
-    monkeypatch.setattr("pinograsp.viz.still.rendered", lambda surfaces, camera, up: render_surfaces([], camera, up))
+    monkeypatch.setattr(
+        "pinograsp.viz.still.render_surfaces", lambda surfaces, camera, up: render_surfaces([], camera, up)
+    )
 
 
 @pytest.fixture

@@ -31,14 +31,7 @@ def test_wrapping_touches_with_more_links(command):
     found = []
     for more in ((), ("--wrap",)):
         _, out, _ = command(
-            "close",
-            "--hand",
-            "allegro_right",
-            "--object",
-            "cylinder:radius=0.025,height=0.15,mass=0.2",
-            "--at",
-            "0.055,0,0.03,90,0,0",
-            "--json",
+            *"close --hand allegro_right --object cylinder:radius=0.025,height=0.15,mass=0.2 --at 0.055,0,0.03,90,0,0 --json".split(),
             *more,
         )
         found.append({touch["link"] for touch in json.loads(out)["touches"]})
@@ -63,16 +56,7 @@ def test_close_without_contacts_and_with_bad_input(command):
 
 def test_plan_from_hand_and_object(command, tmp_path):
     code, out, err = command(
-        "plan",
-        "--hand",
-        "allegro_right",
-        "--object",
-        "cylinder:radius=0.02,height=0.12,mass=0.2",
-        "--samples",
-        "8",
-        "--out",
-        "run",
-        "--json",
+        *"plan --hand allegro_right --object cylinder:radius=0.02,height=0.12,mass=0.2 --samples 8 --out run --json".split()
     )
     planned = json.loads(out)
     assert code in (0, 3), err
@@ -107,14 +91,7 @@ def test_meshes_are_objects_too_and_help_says_so(command, tmp_path):
 
     trimesh.creation.icosphere(radius=30.0, subdivisions=2).export(tmp_path / "ball.stl")
     code, out, err = command(
-        "close",
-        "--hand",
-        "allegro_right",
-        "--object",
-        "mesh:path=ball.stl,scale=0.001,mass=0.2",
-        "--at",
-        "0.08,0,0.07",
-        "--json",
+        *"close --hand allegro_right --object mesh:path=ball.stl,scale=0.001,mass=0.2 --at 0.08,0,0.07 --json".split()
     )
     assert code == 0 and json.loads(out)["touches"], err
 
