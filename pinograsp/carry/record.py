@@ -243,9 +243,9 @@ class CarryPlan:
     def save_html(self, path: str | Path) -> Path:
         """Write such a page as one file that needs no server and no network; returns its path."""
         from pinograsp.carry.scene import carry_scene
-        from pinograsp.viz.page import page_of
+        from pinograsp.viz.page import render_page
 
-        return write_file(path, page_of(carry_scene(self)).encode())
+        return write_file(path, render_page(carry_scene(self)).encode())
 
     def picture(self, path: str | Path, *, time: float | None = None, view: ArrayLike | None = None) -> Path:
         """Write a picture of arm, object and forces; returns its path.
