@@ -185,7 +185,7 @@ class Viewer:
             time.sleep(ahead / rate)
 
     def _move_slider(self, frame: int) -> None:
-        self._go(frame)
+        self._redraw(frame)
         self._slider.value = self._told(frame)  # type: ignore[misc]  # viser's setter, which mypy does not find
 
     def _told(self, frame: int) -> float:
@@ -195,7 +195,7 @@ class Viewer:
     def _follow(self, time: float) -> None:
         """Show what the slider says, unless it was told that: it is coarser than the instants."""
         if abs(time - self._told(self._frame)) > 0.5 * _STEP:
-            self._go(self.scene.frame_at(time))
+            self._redraw(self.scene.frame_at(time))
 
     # The scene.
 
@@ -276,25 +276,14 @@ class Viewer:
         self._arrows: list[viser.ArrowsHandle] = []
         self._labels: list[viser.LabelHandle] = []
         for i, name in enumerate(scene.colours):
-            shade, deep = colour(name), dark(name)
-            vertices, faces = scene.cones[i]
-            self._keep(
-                "cones",
-                world.add_mesh_simple(
-                    f"/contacts/cone{i}",
-                    vertices,
-                    faces,
-                    color=shade,
-                    opacity=0.3,
-                    side="double",
-                    cast_shadow=False,
-                    wxyz=to_sevens(pose_of(rotation=scene.rotations_oc[i]))[3:],
-                    position=scene.points_o[i],
-                ),
+            place = to_sevens(pose_of(scene.points_o[i], scene.rotations_oc[i]))
+            cone = world.add_mesh_simple(
+                f"/contacts/cone{i}", *scene.cones[i], color=colour(name), opacity=0.3, side="double", cast_shadow=False
             )
-            self._arrows.append(
-                world.add_arrows(f"/contacts/force{i}", scene.arrows(self._frame)[i : i + 1], deep, **thick)
-            )
+            cone.position, cone.wxyz = place[:3], place[3:]
+            self._keep("cones", cone)
+            force = scene.arrows(self._frame)[i : i + 1]
+            self._arrows.append(world.add_arrows(f"/contacts/force{i}", force, dark(name), **thick))
             self._labels.append(world.add_label(f"/contacts/label{i}", "", position=outside[i], anchor="bottom-center"))
         self._load = world.add_arrows("/contacts/load", np.zeros((1, 2, 3)), dark(LOAD), **thick)
         self._head = thick["head_length"]
@@ -325,13 +314,9 @@ class Viewer:
             marks |= {scene.touch: "touch"}
             if scene.closed - scene.touch > _APART * end:
                 marks |= {scene.closed: "t_F"}
+        now, ticks = self._told(self._frame), tuple(marks.items())
         self._slider = gui.add_slider(
-            "time [s]",
-            min=0.0,
-            max=max(end, _STEP),
-            step=_STEP,
-            initial_value=self._told(self._frame),
-            marks=tuple(marks.items()),
+            "time [s]", min=0.0, max=max(end, _STEP), step=_STEP, initial_value=now, marks=ticks
         )
         self._play = gui.add_button("Play")
         self._forces = gui.add_html("")
@@ -344,12 +329,9 @@ class Viewer:
             if scene.simulated is not None:
                 beside = gui.add_checkbox("simulation beside", True)
                 beside.on_update(lambda _: self._set_beside(bool(beside.value)))
+            scale = 1e3 * scene.force_scale
             arrows = gui.add_slider(
-                "arrows [mm/N]",
-                min=1e2 * scene.force_scale,
-                max=1e4 * scene.force_scale,
-                step=10 * scene.force_scale,
-                initial_value=1e3 * scene.force_scale,
+                "arrows [mm/N]", min=0.1 * scale, max=10 * scale, step=0.01 * scale, initial_value=scale
             )
             self._speed = gui.add_slider("play speed", min=0.1, max=4.0, step=0.1, initial_value=1.0)
         with gui.add_folder(scene.heading):
@@ -358,7 +340,7 @@ class Viewer:
             self._torques = gui.add_html("")
         self._slider.on_update(lambda _: self._follow(float(self._slider.value)))
         self._play.on_click(lambda _: self.pause() if self._playing.is_set() else self.play())
-        arrows.on_update(lambda _: self._rescale(1e-3 * arrows.value))
+        arrows.on_update(lambda _: self._redraw(scale=1e-3 * arrows.value))
 
     def _add_toggle(self, box: viser.GuiCheckboxHandle, layer: str) -> None:
         def change(_: object) -> None:
@@ -381,14 +363,10 @@ class Viewer:
             for mesh, opacity in self._ghost:
                 mesh.opacity = opacity if beside else 0.3
 
-    def _go(self, frame: int) -> None:
+    def _redraw(self, frame: int | None = None, scale: float | None = None) -> None:
         with self._lock:
-            self._frame = frame
-            self._draw()
-
-    def _rescale(self, scale: float) -> None:
-        with self._lock:
-            self._scale = scale
+            self._frame = self._frame if frame is None else frame
+            self._scale = self._scale if scale is None else scale
             self._draw()
 
     def _draw(self) -> None:
