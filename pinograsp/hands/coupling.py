@@ -9,8 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from pinograsp.hands.tree import MOVING, Joint
+from pinograsp.hands.tree import MOVING
+
+if TYPE_CHECKING:
+    import yourdfpy
 
 _LARGEST = 1e6  # of multipliers, one over it the least, and of offsets [rad or m]
 
@@ -112,9 +116,9 @@ def narrowed(limits: dict[str, Limits], couplings: dict[str, Coupling], notes: l
     return free
 
 
-def in_order(joints: list[Joint], couplings: dict[str, Coupling]) -> list[str]:
+def in_order(joints: list[yourdfpy.Joint], couplings: dict[str, Coupling]) -> list[str]:
     """Joints of a tree depth first, with followed joints before their followers as far as the tree lets them."""
-    below: dict[str, list[Joint]] = {}
+    below: dict[str, list[yourdfpy.Joint]] = {}
     for joint in joints:
         below.setdefault(joint.parent, []).append(joint)
     children = {joint.child for joint in joints}
@@ -137,10 +141,12 @@ def in_order(joints: list[Joint], couplings: dict[str, Coupling]) -> list[str]:
     return order
 
 
-def _siblings(branches: list[Joint], inside: dict[str, set[str]], couplings: dict[str, Coupling]) -> list[Joint]:
+def _siblings(
+    branches: list[yourdfpy.Joint], inside: dict[str, set[str]], couplings: dict[str, Coupling]
+) -> list[yourdfpy.Joint]:
     """Branches below one link: by name, but after those that hold a joint that one of theirs follows."""
     left = {joint.name: joint for joint in sorted(branches, key=lambda joint: joint.name)}
-    ordered: list[Joint] = []
+    ordered: list[yourdfpy.Joint] = []
     while left:
 
         def waits(name: str) -> bool:

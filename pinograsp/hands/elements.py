@@ -5,11 +5,7 @@ from __future__ import annotations
 import math
 import os
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
 from pathlib import Path
-
-import numpy as np
-import pinocchio as pin
 
 from pinograsp.checks import shown
 from pinograsp.errors import HandNotLoaded
@@ -101,11 +97,6 @@ def parse(source: str, text: str) -> ElementTree.Element:
     return robot
 
 
-def written(values: Iterable[float]) -> str:
-    """Numbers as text, without losing a digit."""
-    return " ".join(repr(float(value)) for value in values)
-
-
 def named(robot: ElementTree.Element, tag: str) -> list[tuple[str, ElementTree.Element]]:
     """The robot's elements of a kind, with their names."""
     return [(element.get("name", ""), element) for element in robot.findall(tag)]
@@ -115,13 +106,6 @@ def end_of(joint: ElementTree.Element, tag: str) -> str:
     """The link of a joint's <parent> or <child>."""
     found = joint.find(tag)
     return "" if found is None else found.get("link", "")
-
-
-def drop(element: ElementTree.Element, *tags: str) -> None:
-    """Remove an element's children of these kinds."""
-    for tag in tags:
-        for child in element.findall(tag):
-            element.remove(child)
 
 
 def floats(text: str) -> list[float]:
@@ -148,29 +132,3 @@ def numbers(
     if max(map(abs, values)) > most:
         raise ValueError(f"expected {'numbers' if count > 1 else 'a number'} of at most {most:g}, got {shown(text)}")
     return values
-
-
-def placement_of(element: ElementTree.Element) -> pin.SE3:
-    """Placement given by an element's <origin>, which has been checked."""
-    origin = element.find("origin")
-    if origin is None:
-        return pin.SE3.Identity()
-    return pin.SE3(
-        pin.rpy.rpyToMatrix(np.array(numbers(origin, "rpy", 3, "0 0 0"))), np.array(numbers(origin, "xyz", 3, "0 0 0"))
-    )
-
-
-def as_rpy(origin: ElementTree.Element) -> list[str]:
-    """Turn a quaternion (x, y, z, w) of an <origin> into angles; the problems with it."""
-    text = origin.get("quat_xyzw") if origin.tag == "origin" else None
-    if text is None:
-        return []
-    try:
-        quaternion = pin.Quaternion(np.array(numbers(origin, "quat_xyzw", 4, most=LARGEST)))
-        if quaternion.norm() < LEAST:
-            raise ValueError("expected a rotation, got zeros")
-    except ValueError as error:
-        return [f"<origin quat_xyzw=>: {error}"]
-    origin.set("rpy", written(pin.rpy.matrixToRpy(quaternion.normalized().matrix())))
-    del origin.attrib["quat_xyzw"]
-    return []

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import codecs
-import copy
-import difflib
-import os
-import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -19,9 +13,10 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import flag, instance_of, items_of, mapping_of, one_of, path_of, text_of
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands import geometry, urdf_drives
+from pinograsp.hands import geometry
 from pinograsp.hands.body_checks import mend_bodies
-from pinograsp.hands.catalogue import CATALOGUE, Entry, convex_parts_of, file_of
+from pinograsp.hands.catalogue import CATALOGUE, Entry
+from pinograsp.hands.descriptions import read_description
 from pinograsp.hands.drives import (
     ON_DRIVES,
     Actuation,
@@ -34,34 +29,28 @@ from pinograsp.hands.drives import (
     remarks_on,
     springs_of,
 )
-from pinograsp.hands.elements import is_text, parse, read_bytes
 from pinograsp.hands.finger_names import Labels, names_of
-from pinograsp.hands.geometry import Triangles, collision_geometry, fill_masses, moving_nothing, without_shapes
+from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing, without_shapes
 from pinograsp.hands.joint_limits import with_effort_limits
 from pinograsp.hands.linkage import without_levers
-from pinograsp.hands.mesh_file import LFS_POINTER, tells_unit
+from pinograsp.hands.mesh_file import tells_unit
 from pinograsp.hands.model import Finger, HandModel
-from pinograsp.hands.ros_packages import Packages, packages_of
+from pinograsp.hands.ros_packages import packages_of
 from pinograsp.hands.srdf import disabled_collisions, pairs_in
 from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of, with_followed
 from pinograsp.hands.unit_checks import size_notes, speed_notes
-from pinograsp.hands.urdf import Prepared, prepare
-from pinograsp.hands.urdf_couplings import add_couplings
-from pinograsp.hands.xacro_guard import expand_xacro
+from pinograsp.hands.urdf import PreparedHand, prepare_hand
 from pinograsp.spatial import FARTHEST
 
 if TYPE_CHECKING:
     import mujoco
 
-    from pinograsp.hands.mjcf_source import Compiled
 
 Masses = Literal["estimate", "file"]
 
 ON_ROOT = "root: "
 _ARM = 4  # joints before a palm; wrists have up to three
 _HAND = 0.4  # [m] from a palm to a fingertip, at most
-# Python knows others, some of which take hours for a small file.
-_ENCODINGS = r"utf-?8(-sig)?|utf-?16|us-ascii|ascii|latin-?1|iso-?8859-?\d+|(windows-|cp)\d+"
 
 
 def load_hand(
@@ -138,23 +127,23 @@ def load_hand(
     entry = CATALOGUE.get(source) if isinstance(source, str) else None
     if entry is not None:
         root, palm, fingers = root or entry.root, palm or entry.palm, fingers or entry.fingers
-    description = _read(source, root, arguments, trusted, folders)
-    robot, found = description.robot, description.actuation
-    prepared = prepare(
+    description = read_description(source, root, arguments, trusted, folders)
+    found = description.actuation
+    prepared = prepare_hand(
         description.name,
-        robot,
-        description.folder,
-        description.root,
-        description.problems,
-        description.notes,
-        packages=folders,
-        inline=description.inline,
+        description.robot,
+        description.names,
+        root=root,
+        outside=description.outside,
+        armatures=description.armatures,
+        problems=description.problems,
+        notes=description.notes,
     )
     labels = {"motor": motors_at(found), **description.labels}
     hand = _hand_model(description.name, prepared, palm, fingers, masses, exclude, labels)
     hand = with_effort_limits(hand, prepared.efforts, () if entry is None else entry.drives or ())
     hand = _driven(hand, found, entry, drives, springs)
-    pairs, told = pairs_in(robot, prepared.links), list(hand.notes)
+    pairs, told = pairs_in(description.collisions, prepared.links), list(hand.notes)
     if srdf is not None:
         driven = [joint for drive in hand.drives for joint in drive.joints]
         pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, driven, told)
@@ -171,136 +160,9 @@ def load_hand(
     return hand if pose is None else hand.placed(pose)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Description:
-    """What a source says, as a URDF.
-
-    Attributes:
-        name: what to call it in errors.
-        robot: the URDF.
-        folder: its relative paths start there.
-        actuation: motors and springs.
-        root: link whose sub-tree is the hand, where that is still to be cut out.
-        labels: other names that tell what fingers are called.
-        inline: meshes that come from no file.
-        problems, notes: found so far.
-    """
-
-    name: str
-    robot: ElementTree.Element
-    folder: Path
-    actuation: Actuation
-    root: str | None = None
-    labels: Labels = field(default_factory=dict)
-    inline: Mapping[str, Triangles] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-
-def _read(
-    source: object, root: str | None, arguments: dict[str, object], trusted: bool, packages: Packages
-) -> _Description:
-    """The description that a name, a path, a text or a specification of MuJoCo's stands for."""
-    if type(source).__name__ == "MjSpec":
-        from pinograsp.hands.mjcf_source import compile_spec
-
-        spec = cast("mujoco.MjSpec", source)
-        return _from_mjcf(spec.modelname, compile_spec(spec.modelname, spec), root, Path())
-    name = source if isinstance(source, str) else str(path_of("hand", source))
-    if is_text(name):
-        path, text, name = Path("text.xml"), name, "text"
-    else:
-        path = file_of(name) if name in CATALOGUE else _file(name)
-        text = "" if path.suffix.lower() == ".xacro" else _text(name, path)
-    if path.suffix.lower() == ".xacro":
-        text = expand_xacro(path, arguments, trusted=trusted, packages=packages)
-    elif arguments:
-        raise HandNotLoaded(name, f"arguments {', '.join(arguments)} given, but only xacro files take arguments")
-    robot = parse(name, text)
-    if robot.tag == "mujoco":
-        from pinograsp.hands.mjcf_source import compile_file
-
-        return _from_mjcf(name, compile_file(name, robot, path, trusted), root, path.resolve().parent)
-    if name in CATALOGUE:
-        _in_convex_parts(robot, convex_parts_of(name))
-    problems, notes = list[str](), list[str]()
-    add_couplings(robot, problems, notes)
-    return _Description(
-        name=name,
-        robot=robot,
-        folder=path.resolve().parent,
-        actuation=urdf_drives.actuation_of(robot, problems),
-        root=root,
-        problems=problems,
-        notes=notes,
-    )
-
-
-def _from_mjcf(name: str, compiled: Compiled, root: str | None, folder: Path) -> _Description:
-    from pinograsp.hands.mjcf import Urdf
-
-    urdf = Urdf(name, compiled, root)
-    return _Description(
-        name=name,
-        robot=urdf.robot,
-        folder=folder,
-        actuation=urdf.actuation,
-        labels=urdf.labels,
-        inline=urdf.inline,
-        problems=urdf.problems,
-        notes=urdf.notes,
-    )
-
-
-def _in_convex_parts(robot: ElementTree.Element, parts: Mapping[str, list[Path]]) -> None:
-    """Put the files of convex parts where a collision shape has the mesh that they stand for."""
-    for link in robot.iter("link"):
-        for collision in link.findall("collision"):
-            mesh = collision.find("geometry/mesh")
-            files = [] if mesh is None else parts.get(Path(mesh.get("filename", "")).stem, [])
-            for path in files:
-                part = copy.deepcopy(collision)
-                cast(ElementTree.Element, part.find("geometry/mesh")).set("filename", str(path))
-                link.append(part)
-            if files:
-                link.remove(collision)
-
-
-def _file(name: str) -> Path:
-    """The file called ``name``, which is no name of the catalogue."""
-    try:
-        path = Path(name).expanduser()
-    except RuntimeError:  # of an unknown user: ~name
-        path = Path(name)
-    if os.path.isfile(path):
-        return path
-    near = difflib.get_close_matches(name, CATALOGUE, n=1)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise HandNotLoaded(
-        name, f"no such file; expected a .urdf, .xacro or MJCF .xml file, or one of: {', '.join(CATALOGUE)}{hint}"
-    )
-
-
-def _text(name: str, path: Path) -> str:
-    """Text of an XML file, in the encoding that it declares."""
-    try:
-        content = read_bytes(path)
-        if content.startswith(LFS_POINTER):
-            raise LookupError("it is a pointer of Git LFS to the file: run 'git lfs pull' where it was cloned")
-        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            return content.decode("utf-16")
-        declared = re.match(rb"\s*<\?xml[^>]*encoding=[\"']([A-Za-z0-9._-]+)", content)
-        encoding = declared[1].decode() if declared else "utf-8-sig"
-        if not re.fullmatch(_ENCODINGS, encoding, re.IGNORECASE):
-            raise LookupError(f"encoding '{encoding}' is not supported: save it as UTF-8")
-        return content.decode(encoding)
-    except (OSError, UnicodeError, LookupError) as error:
-        raise HandNotLoaded(name, f"cannot be read as text: {error}") from error
-
-
 def _hand_model(
     source: str,
-    prepared: Prepared,
+    prepared: PreparedHand,
     palm: str | None,
     names: dict[str, str] | None,
     masses: Masses,
@@ -369,7 +231,9 @@ def _hand_model(
     )
 
 
-def _on_root(model: pin.Model, prepared: Prepared, solid: set[str], palm: str, fingers: Sequence[Finger]) -> list[str]:
+def _on_root(
+    model: pin.Model, prepared: PreparedHand, solid: set[str], palm: str, fingers: Sequence[Finger]
+) -> list[str]:
     """A note where the file has more than a hand, with the root= that takes one alone."""
 
     def alone(link: str) -> str:

@@ -7,16 +7,15 @@ joints' limits and their springs have them, and a line is fitted to each.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+import yourdfpy
 from scipy.optimize import least_squares
 
 from pinograsp.hands.coupling import Coupling
-from pinograsp.hands.elements import end_of, named, numbers, placement_of
 from pinograsp.hands.tree import MOVING
 from pinograsp.spatial import Array
 
@@ -45,8 +44,8 @@ class Rest:
     relaxed: float = 0.0
 
 
-def close(
-    robot: ElementTree.Element,
+def close_loops(
+    robot: yourdfpy.Robot,
     loops: Sequence[Loop],
     rests: Mapping[str, Rest],
     couplings: Mapping[str, Coupling],
@@ -115,19 +114,13 @@ def _fitted(tree: _Linkage, motor: str, loops: list[Loop]) -> tuple[dict[str, Co
 class _Linkage:
     """The tree of a robot with the positions of all its joints."""
 
-    def __init__(self, robot: ElementTree.Element, rests: Mapping[str, Rest], couplings: Mapping[str, Coupling]):
+    def __init__(self, robot: yourdfpy.Robot, rests: Mapping[str, Rest], couplings: Mapping[str, Coupling]):
         self.rests, self.couplings = rests, couplings
-        self.above: dict[str, tuple[str, str, pin.SE3, Array]] = {}  # of a link: joint, parent, placement, axis
-        self.kinds: dict[str, str] = {}
-        self.limits: dict[str, tuple[float, float]] = {}
-        for name, joint in named(robot, "joint"):
-            axis, limit = joint.find("axis"), joint.find("limit")
-            along = np.array([1.0, 0.0, 0.0] if axis is None else numbers(axis, "xyz", 3, "1 0 0"))
-            placed = placement_of(joint), along / max(float(np.linalg.norm(along)), 1e-12)
-            self.above[end_of(joint, "child")] = (name, end_of(joint, "parent"), *placed)
-            self.kinds[name] = joint.get("type", "")
-            if limit is not None and limit.get("lower") is not None:
-                self.limits[name] = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
+        self.above = {joint.child: joint for joint in robot.joints}
+        self.kinds = {joint.name: joint.type for joint in robot.joints}
+        self.limits = {
+            joint.name: (joint.limit.lower, joint.limit.upper) for joint in robot.joints if joint.limit is not None
+        }
 
     def leader(self, joint: str) -> str:
         """What moves a joint: another one, or itself."""
@@ -148,19 +141,20 @@ class _Linkage:
     def _to_root(self, link: str) -> list[str]:
         way = []
         while link in self.above:
-            joint, link, *_ = self.above[link]
-            way.append(joint)
+            joint = self.above[link]
+            link = joint.parent
+            way.append(joint.name)
         return way
 
     def pose(self, link: str, q: Mapping[str, float]) -> pin.SE3:
         """Where a link is; joints that ``q`` does not name follow their leaders, or are at their references."""
         pose = pin.SE3.Identity()
         while link in self.above:
-            joint, link, placed, axis = self.above[link]
-            way = self._position(joint, q) * axis if self.kinds[joint] in MOVING else np.zeros(3)
-            turns = self.kinds[joint] == "revolute"
-            moved = pin.SE3(pin.exp3(way), np.zeros(3)) if turns else pin.SE3(np.eye(3), way)
-            pose = placed * moved * pose
+            joint = self.above[link]
+            link = joint.parent
+            way = self._position(joint.name, q) * joint.axis if joint.type in MOVING else np.zeros(3)
+            moved = pin.SE3(pin.exp3(way), np.zeros(3)) if joint.type == "revolute" else pin.SE3(np.eye(3), way)
+            pose = pin.SE3(joint.origin) * moved * pose
         return pose
 
     def _position(self, joint: str, q: Mapping[str, float]) -> float:

@@ -18,12 +18,14 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, number, one_of, placement_of
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands.drives import Control, Drive, Spring, checked_drives, checked_springs, drive_record, one_each
-from pinograsp.hands.elements import drop, named, parse
+from pinograsp.hands.elements import named, parse
 from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
 from pinograsp.hands.mesh_file import collision_model
 from pinograsp.hands.model import Finger, HandModel
+from pinograsp.hands.shapes import MeshNames
 from pinograsp.hands.sources import Figure, Source
-from pinograsp.hands.urdf import prepare
+from pinograsp.hands.urdf import prepare_hand
+from pinograsp.hands.urdf_file import MOMENTS, read_urdf
 from pinograsp.hands.visuals import read_triangles, visuals_from, visuals_record, write_triangles
 from pinograsp.spatial import FARTHEST
 
@@ -33,7 +35,6 @@ _KINDS: dict[type, str] = {str: "a text", list: "a list", dict: "a mapping", int
 # Of the actuated joints, by their names in Pinocchio.
 _LIMITS = ("lowerPositionLimit", "upperPositionLimit", "effortLimit", "velocityLimit", "armature")
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3, "hull": 3}
-_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def hand_record(hand: HandModel) -> dict[str, Any] | None:
@@ -204,14 +205,16 @@ def _description(record: dict[str, Any]) -> str:
     try:
         same = ElementTree.tostring(robot, encoding="unicode")
         for _, link in named(robot, "link"):
-            drop(link, "collision")
+            for collision in link.findall("collision"):
+                link.remove(collision)
             if link.find("inertial") is None:  # the record has the masses that were found later
                 inertial = ElementTree.SubElement(link, "inertial")
                 ElementTree.SubElement(inertial, "mass", value="0")
-                ElementTree.SubElement(inertial, "inertia", dict.fromkeys(_MOMENTS, "0"))
+                ElementTree.SubElement(inertial, "inertia", dict.fromkeys(MOMENTS, "0"))
+        problems: list[str] = []
         types = [joint.get("type") for joint in robot.findall("joint")]
-        prepare(source, robot, Path())
-        if [joint.get("type") for joint in robot.findall("joint")] != types:
+        prepared = prepare_hand(source, read_urdf(robot, problems)[0], MeshNames(folder=Path()), problems=problems)
+        if [joint.type for joint in prepared.joints] != types:
             raise HandNotLoaded(source, "a joint without a way to go: make it fixed, as in every record")
     except RecursionError:
         raise HandNotLoaded(source, "expected a description, got elements nested without end") from None

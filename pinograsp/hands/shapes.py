@@ -4,44 +4,49 @@ from __future__ import annotations
 
 import os
 import urllib.parse
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import one_of
-from pinograsp.hands.elements import LEAST, as_rpy, drop, end_of, named, numbers, placement_of
+from pinograsp.hands.elements import LEAST
 from pinograsp.hands.file_reads import is_there
 from pinograsp.hands.geometry import Kind, Shape, Triangles, read_mesh
 from pinograsp.hands.ros_packages import Packages
+from pinograsp.hands.urdf_file import CAPSULE, ELLIPSOID, NO_SHAPE
 from pinograsp.spatial import FARTHEST
 
-INLINE = "inline:"  # how names of meshes begin that come from no file
-_NONE: Mapping[str, Triangles] = MappingProxyType({})
+if TYPE_CHECKING:
+    import yourdfpy
+
 _MOST_VISUALS = 2000
 _UNIT_SPHERE = "unit_sphere.stl"
-# Attributes that give the size of a shape, in the order coal takes them.
-_SIZES: dict[Kind, dict[str, int]] = {
-    "box": {"size": 3},
-    "sphere": {"radius": 1},
-    "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
-    "ellipsoid": {"size": 3},
-    "mesh": {"scale": 3},
-}
 
 
-def shapes_of(
-    robot: ElementTree.Element,
-    folder: Path,
-    packages: Packages,
-    notes: list[str],
-    inline: Mapping[str, Triangles] = _NONE,
-) -> list[Shape]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshNames:
+    """What the names of meshes and pictures in a description mean.
+
+    Attributes:
+        folder: relative paths start there.
+        packages: folders of ROS packages, by name.
+        inline: vertices and faces of meshes that come from no file, by the names that the description has for them.
+    """
+
+    folder: Path
+    packages: Packages = field(default_factory=lambda: MappingProxyType({}))
+    inline: Mapping[str, Triangles] = field(default_factory=lambda: MappingProxyType({}))
+
+    def find(self, name: str) -> Path | None:
+        """The file that a name means, or None."""
+        return mesh_path(name, self.folder, self.packages)
+
+
+def read_shapes(robot: yourdfpy.Robot, names: MeshNames, notes: list[str]) -> list[Shape]:
     """Collision shapes; those without size and those whose file is missing are left out and noted.
 
     So are coarse shapes for a controller's own checks of self-collision: those of a link that is fixed to another and
@@ -51,17 +56,17 @@ def shapes_of(
     shapes: list[Shape] = []
     missing: list[str] = []
     void: list[str] = []
-    coarse = _coarse(robot)
-    for name, link in named(robot, "link"):
-        if name in coarse:
+    coarse = _find_coarse(robot)
+    for link in robot.links:
+        if link.name in coarse:
             continue
-        for collision in link.findall("collision"):
+        for collision in link.collisions:
             try:
-                shapes.append(_shape(name, collision, folder, packages, inline))
+                shapes.append(_read_shape(link.name, collision, names))
             except FileNotFoundError as error:
-                missing.append(f"{name} ({error})")
+                missing.append(f"{link.name} ({error})")
             except ValueError as error:
-                void.append(f"{name} ({error})")
+                void.append(f"{link.name} ({error})")
     if coarse:
         notes.append(f"coarse shapes for checks of self-collision are left out: {', '.join(coarse)}")
     if missing:
@@ -74,76 +79,62 @@ def shapes_of(
     return shapes
 
 
-def _coarse(robot: ElementTree.Element) -> list[str]:
+def _find_coarse(robot: yourdfpy.Robot) -> list[str]:
     """Links with shapes, called as a link with shapes of its own that they are fixed to, and ``_sc``."""
-    shaped = {name for name, link in named(robot, "link") if link.find("collision") is not None}
+    shaped = {link.name for link in robot.links if link.collisions}
     return [
-        end_of(joint, "child")
-        for _, joint in named(robot, "joint")
-        if joint.get("type") == "fixed"
-        and end_of(joint, "child") == f"{end_of(joint, 'parent')}_sc"
-        and {end_of(joint, "child"), end_of(joint, "parent")} <= shaped
+        joint.child
+        for joint in robot.joints
+        if joint.type == "fixed" and joint.child == f"{joint.parent}_sc" and {joint.child, joint.parent} <= shaped
     ]
 
 
-def take_visuals(
-    robot: ElementTree.Element, folder: Path, packages: Packages, inline: Mapping[str, Triangles] = _NONE
-) -> list[Shape]:
-    """Take out what is seen of the links, with the description's colours and textures; what cannot be read is left out.
+def read_visuals(robot: yourdfpy.Robot, names: MeshNames) -> list[Shape]:
+    """What is seen of the links, with the description's colours and textures; what cannot be read is left out.
 
     Meshes that are not found keep the name that the description gives them.
     """
-    for origin in robot.findall("link/visual/origin"):
-        as_rpy(origin)
-    named_colours: dict[str, str | None] = {}
-    named_textures: dict[str, str] = {}
-    for one in robot.iter("material"):
-        if not one.get("name"):
-            continue
-        if one.find("color") is not None:
-            named_colours.setdefault(one.get("name", ""), _colour(one))
-        if texture := _texture(one, folder, packages):
-            named_textures.setdefault(one.get("name", ""), texture)
+    visuals = [(link.name, visual) for link in robot.links for visual in link.visuals][:_MOST_VISUALS]
+    materials = [*robot.materials, *(visual.material for _, visual in visuals if visual.material is not None)]
+    colours: dict[str, str | None] = {}
+    textures: dict[str, str] = {}
+    for one in materials:
+        if one.name and one.color is not None:
+            colours.setdefault(one.name, _read_colour(one))
+        if one.name and (texture := _find_texture(one, names)):
+            textures.setdefault(one.name, texture)
     shapes: list[Shape] = []
-    for name, link in named(robot, "link"):
-        for visual in link.findall("visual")[: _MOST_VISUALS - len(shapes)]:
-            material = visual.find("material")
-            colour: str | None = ""
-            texture = ""
-            if material is not None:
-                called = material.get("name", "")
-                own = material.find("color") is not None
-                colour = _colour(material) if own else named_colours.get(called, "")
-                texture = _texture(material, folder, packages) or ("" if own else named_textures.get(called, ""))
-            if colour is None:
-                continue
-            try:
-                shape = _shape(name, visual, folder, packages, inline)
-            except FileNotFoundError as error:
-                shape = Shape(link=name, placement=pin.SE3.Identity(), kind="mesh", size=(1, 1, 1), path=str(error))
-            except ValueError:
-                continue
-            if np.abs(shape.placement.translation).max() <= FARTHEST:
-                shapes.append(replace(shape, colour=colour, texture=texture))
-        drop(link, "visual")
+    for link, visual in visuals:
+        colour: str | None = ""
+        texture, material = "", visual.material
+        if material is not None:
+            own = material.color is not None
+            colour = _read_colour(material) if own else colours.get(material.name, "")
+            texture = _find_texture(material, names) or ("" if own else textures.get(material.name, ""))
+        if colour is None:
+            continue
+        try:
+            shape = _read_shape(link, visual, names)
+        except FileNotFoundError as error:
+            shape = Shape(link=link, placement=pin.SE3.Identity(), kind="mesh", size=(1, 1, 1), path=str(error))
+        except ValueError:
+            continue
+        shapes.append(replace(shape, colour=colour, texture=texture))
     return shapes
 
 
-def _colour(material: ElementTree.Element) -> str | None:
+def _read_colour(material: yourdfpy.Material) -> str | None:
     """A material's colour, ``#rrggbb``; empty: none that can be read; None: it cannot be seen."""
-    color = material.find("color")
-    try:
-        red, green, blue, alpha = numbers(ElementTree.Element("color") if color is None else color, "rgba", 4)
-    except ValueError:
+    rgba = material.color.rgba
+    if not np.isfinite(rgba).all():
         return ""
-    return None if alpha <= 0 else hex_of([red, green, blue])
+    return None if rgba[3] <= 0 else hex_of(rgba[:3])
 
 
-def _texture(material: ElementTree.Element, folder: Path, packages: Packages) -> str:
+def _find_texture(material: yourdfpy.Material, names: MeshNames) -> str:
     """The file of a material's texture; empty: none that is there."""
-    texture = material.find("texture")
-    name = "" if texture is None else texture.get("filename", "")
-    return str(mesh_path(name, folder, packages) or "") if name else ""
+    name = "" if material.texture is None else material.texture.filename
+    return str(names.find(name) or "") if name else ""
 
 
 def hex_of(rgb: Iterable[float]) -> str:
@@ -151,41 +142,47 @@ def hex_of(rgb: Iterable[float]) -> str:
     return "#" + "".join(f"{round(255 * min(max(share, 0.0), 1.0)):02X}" for share in rgb)
 
 
-def _shape(
-    link: str, element: ElementTree.Element, folder: Path, packages: Packages, inline: Mapping[str, Triangles]
-) -> Shape:
+def _read_shape(link: str, shape: yourdfpy.Collision | yourdfpy.Visual, names: MeshNames) -> Shape:
     """The shape of a <collision> or a <visual>.
 
     Raises:
         ValueError: no shape, or one without size.
         FileNotFoundError: the name of a mesh whose file is not found.
     """
-    found = next((one for one in element.findall("geometry/*") if one.tag in _SIZES), None)
-    if found is None:
-        raise ValueError("no known shape")
-    kind, path = one_of("shape", found.tag, _SIZES), ""
-    try:
-        sizes = [numbers(found, key, count, "1 1 1" if key == "scale" else None) for key, count in _SIZES[kind].items()]
-    except ValueError as error:
-        raise ValueError(f"<{kind}>: {error}") from error
-    size = tuple(value for group in sizes for value in group)
-    written = " ".join(f"{value:g}" for value in size)
+    kind, size, name = _read_size(shape.geometry)
+    text, path, triangles = " ".join(f"{value:g}" for value in size), "", names.inline.get(name)
     if not all(value != 0 if kind == "mesh" else LEAST <= value <= FARTHEST for value in size):
-        raise ValueError(f"<{kind}> of size {written}")
-    filename = found.get("filename", "")
-    if kind == "mesh" and filename not in inline:
-        file = mesh_path(filename, folder, packages)
+        raise ValueError(f"<{kind}> of size {text}")
+    if triangles is not None:
+        path = name
+    elif kind == "mesh":
+        file = names.find(name)
         path = str(file or "")
-        called = filename.replace("\\", "/").split("/")[-1]
-        if called == _UNIT_SPHERE and (file is None or _is_unit_sphere(file)):
+        if name.replace("\\", "/").split("/")[-1] == _UNIT_SPHERE and (file is None or _is_unit_sphere(file)):
             kind, size, path = "ellipsoid", tuple(map(abs, size)), ""
             if not all(LEAST <= value <= FARTHEST for value in size):
-                raise ValueError(f"<mesh> of scale {written}")
+                raise ValueError(f"<mesh> of scale {text}")
         elif file is None:
-            raise FileNotFoundError(filename)
-    triangles = inline.get(filename)
-    path = filename if triangles else path
-    return Shape(link=link, placement=placement_of(element), kind=kind, size=size, path=path, triangles=triangles)
+            raise FileNotFoundError(name)
+    placement = pin.SE3.Identity() if shape.origin is None else pin.SE3(shape.origin)
+    return Shape(link=link, placement=placement, kind=kind, size=size, path=path, triangles=triangles)
+
+
+def _read_size(geometry: yourdfpy.Geometry) -> tuple[Kind, tuple[float, ...], str]:
+    """Kind and size of a shape, in the order coal takes the latter, and the name of its mesh."""
+    if geometry.box is not None:
+        return "box", tuple(geometry.box.size.tolist()), ""
+    if geometry.sphere is not None:
+        return "sphere", (geometry.sphere.radius,), ""
+    if geometry.cylinder is not None:
+        return "cylinder", (geometry.cylinder.radius, geometry.cylinder.length), ""
+    name = geometry.mesh.filename
+    if name.startswith(NO_SHAPE):
+        raise ValueError(name.removeprefix(NO_SHAPE))
+    scale = (1.0, 1.0, 1.0) if geometry.mesh.scale is None else tuple(geometry.mesh.scale.tolist())
+    if name == CAPSULE:
+        return "capsule", scale[:2], ""
+    return ("ellipsoid", scale, "") if name == ELLIPSOID else ("mesh", scale, name)
 
 
 def _is_unit_sphere(path: Path) -> bool:
@@ -208,11 +205,12 @@ def mesh_path(name: str, folder: Path, packages: Packages) -> Path | None:
 
 
 def _places(name: str, folder: Path, given: Packages) -> list[Path]:
-    if name.startswith("file://"):
-        name = name[len("file://") :]
-    if "://" not in name:
-        return [Path(name) if Path(name).is_absolute() else folder / name]
-    name = name.split("://", 1)[1].lstrip("/")
+    from yourdfpy.urdf import filename_handler_ignore_directive as without_scheme
+
+    plain = without_scheme(name)
+    if name.startswith("file://") or "://" not in name:
+        return [folder / plain]
+    name = plain.lstrip("/")
     packages = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
     package, _, inside = name.partition("/")
     places = [given[package] / inside] if package in given else []

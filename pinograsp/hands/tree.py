@@ -5,32 +5,23 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 from pinograsp.errors import HandNotLoaded
 
+if TYPE_CHECKING:
+    import yourdfpy
+
 Moving: TypeAlias = Literal["revolute", "prismatic"]
-JointType: TypeAlias = Moving | Literal["fixed"]
 MOVING: tuple[Moving, ...] = get_args(Moving)
 _LONGEST_FINGER = 7  # moving joints
-JOINT_TYPES: tuple[JointType, ...] = (*MOVING, "fixed")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Joint:
-    """A joint of a description: its type, parent and child link."""
-
-    name: str
-    type: JointType
-    parent: str
-    child: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
     """A moving joint of a finger, and the links fixed to its child; on the last part the fingertip comes last."""
 
-    joint: Joint
+    joint: yourdfpy.Joint
     fixed: tuple[str, ...] = ()
 
     @property
@@ -41,7 +32,7 @@ class Part:
 
 def find_fingers(
     source: str,
-    joints: list[Joint],
+    joints: list[yourdfpy.Joint],
     links: list[str],
     touches: Callable[[str], bool],
     fingers_of: Callable[[list[list[Part]]], list[list[Part]]],
@@ -96,7 +87,7 @@ def find_fingers(
 
 
 def palms_in(
-    joints: list[Joint], links: list[str], touches: Callable[[str], bool], near: Callable[[str, str], bool]
+    joints: list[yourdfpy.Joint], links: list[str], touches: Callable[[str], bool], near: Callable[[str, str], bool]
 ) -> list[str]:
     """Links of a robot that may be palms: at least two short chains that can touch part there, all tips ``near``.
 
@@ -118,7 +109,7 @@ def palms_in(
     return found
 
 
-def joints_before(joints: list[Joint], palm: str) -> int:
+def joints_before(joints: list[yourdfpy.Joint], palm: str) -> int:
     """How many moving joints come before a palm."""
     above = {joint.child: joint for joint in joints}
     count = 0
@@ -128,7 +119,7 @@ def joints_before(joints: list[Joint], palm: str) -> int:
     return count
 
 
-def with_followed(joints: list[Joint], followed: Mapping[str, str], link: str) -> str:
+def with_followed(joints: list[yourdfpy.Joint], followed: Mapping[str, str], link: str) -> str:
     """The link nearest to ``link``, itself or before it, beyond which are all joints that those beyond it follow."""
     above = {joint.child: joint for joint in joints}
     before: dict[str, set[str]] = {}  # links before a joint that follows or is followed
@@ -160,8 +151,8 @@ def _with_tip(chain: list[Part], link: str) -> list[Part]:
 class _Tree:
     """Links and joints below them; nothing is recursive, so a chain may have any length."""
 
-    def __init__(self, joints: list[Joint], links: list[str]):
-        self.below: dict[str, list[Joint]] = {link: [] for link in links}
+    def __init__(self, joints: list[yourdfpy.Joint], links: list[str]):
+        self.below: dict[str, list[yourdfpy.Joint]] = {link: [] for link in links}
         for joint in joints:
             self.below[joint.parent].append(joint)
         children = {joint.child for joint in joints}
@@ -178,7 +169,7 @@ class _Tree:
             if len(further) > 1 or any(joint.child in self._parting for joint in further):
                 self._parting.add(link)
 
-    def moves(self, joint: Joint) -> bool:
+    def moves(self, joint: yourdfpy.Joint) -> bool:
         """Whether the joint moves, or any beyond it."""
         return joint.type in MOVING or joint.child in self._moving
 
@@ -191,9 +182,9 @@ class _Tree:
             palm = further[0].child
         return palm
 
-    def chains(self, joint: Joint) -> Iterator[list[Part]]:
+    def chains(self, joint: yourdfpy.Joint) -> Iterator[list[Part]]:
         """Yield every chain through ``joint`` to a leaf."""
-        waiting: list[tuple[Joint, list[Part]]] = [(joint, [])]
+        waiting: list[tuple[yourdfpy.Joint, list[Part]]] = [(joint, [])]
         while waiting:
             joint, chain = waiting.pop()
             if joint.type in MOVING:

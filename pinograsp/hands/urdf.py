@@ -1,39 +1,32 @@
-"""URDF prepared for Pinocchio: a sub-tree cut out, files found, couplings resolved, every problem listed at once."""
+"""URDF prepared for Pinocchio: couplings resolved, limits and masses checked, every problem listed at once."""
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import one_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_front, narrowed, resolve
-from pinograsp.hands.elements import LARGEST, LEAST, as_rpy, drop, end_of, named, numbers, written
-from pinograsp.hands.geometry import Shape, Triangles
-from pinograsp.hands.ros_packages import Packages
-from pinograsp.hands.rotors import rotors
-from pinograsp.hands.shapes import shapes_of, take_visuals
-from pinograsp.hands.tree import JOINT_TYPES, MOVING, Joint
-from pinograsp.hands.urdf_masses import MOMENTS, inertia_problems, unweighed_joints
-from pinograsp.hands.urdf_tree import cut_out, joints_below, leave_out, tree_problems
-from pinograsp.spatial import FARTHEST
+from pinograsp.hands.elements import LARGEST, LEAST
+from pinograsp.hands.geometry import Shape
+from pinograsp.hands.rotors import find_rotors
+from pinograsp.hands.shapes import MeshNames, read_shapes, read_visuals
+from pinograsp.hands.tree import MOVING
+from pinograsp.hands.urdf_masses import find_unweighed, mend_inertias
+from pinograsp.hands.urdf_tree import find_tree_problems, links_below
+from pinograsp.spatial import Array
 
-# How many numbers an attribute holds and how large each may be, by element.
-_NUMBERS: dict[str, dict[str, tuple[int, float]]] = {
-    "origin": {"xyz": (3, FARTHEST), "rpy": (3, LARGEST)},
-    "axis": {"xyz": (3, LARGEST)},
-    "mass": {"value": (1, LARGEST)},
-    "inertia": dict.fromkeys(MOMENTS, (1, LARGEST)),
-    "mimic": {"multiplier": (1, LARGEST), "offset": (1, LARGEST)},
-    "dynamics": {"damping": (1, LARGEST), "friction": (1, LARGEST), "armature": (1, LARGEST)},
-}
+if TYPE_CHECKING:
+    import yourdfpy
+
 # Of a whole robot, for Pinocchio builds trees by recursion; of a hand, for Pinocchio's memory grows with the cube of
 # its joints.
 _MOST_LINKS, _MOST_MOVING, _MOST_SHAPES = 2000, 100, 2000
@@ -43,7 +36,7 @@ _CUT = "root= is the link that a hand on a robot starts from"
 
 
 @dataclass(slots=True)
-class Prepared:
+class PreparedHand:
     """A description checked and completed.
 
     Attributes:
@@ -64,7 +57,7 @@ class Prepared:
     name: str
     text: str = ""
     aliases: dict[str, str] = field(default_factory=dict)
-    joints: list[Joint] = field(default_factory=list)
+    joints: list[yourdfpy.Joint] = field(default_factory=list)
     links: list[str] = field(default_factory=list)
     followed: dict[str, str] = field(default_factory=dict)
     shapes: list[Shape] = field(default_factory=list)
@@ -76,145 +69,111 @@ class Prepared:
     notes: list[str] = field(default_factory=list)
 
 
-def prepare(
+def prepare_hand(
     source: str,
-    robot: ElementTree.Element,
-    folder: Path,
+    robot: yourdfpy.Robot,
+    names: MeshNames,
+    *,
     root: str | None = None,
+    outside: Collection[str] = (),
+    armatures: Mapping[str, float] = MappingProxyType({}),
     problems: Iterable[str] = (),
     notes: Iterable[str] = (),
-    packages: Packages = MappingProxyType({}),
-    inline: Mapping[str, Triangles] = MappingProxyType({}),
-) -> Prepared:
-    """Check and complete a URDF; ``robot`` is changed.
+) -> PreparedHand:
+    """Check and complete a description; ``robot`` is changed.
 
     Args:
         source: what to call it in errors.
-        robot: the URDF.
-        folder: relative mesh paths start there.
-        root: link whose sub-tree is the hand; None: everything.
+        robot: its links and joints.
+        names: what the names of meshes mean.
+        root: the link whose sub-tree it is of a larger robot; None: it is all of it.
+        outside: joints of that robot.
+        armatures: inertia of the motors [kg m^2], by joint.
         problems, notes: found before, to be listed with the others.
-        packages: folders of ROS packages, by name.
-        inline: meshes that come from no file, by the names that the URDF has for them.
 
     Raises:
         HandNotLoaded: with all problems found.
     """
+    _check_counts(source, robot)
     problems, notes = list(problems), list(notes)
-    _check_count(source, "links", len(robot.findall("link")), _MOST_LINKS)
-    _check_count(source, "joints", len(robot.findall("joint")), _MOST_LINKS)
-    outside: set[str] = cut_out(source, robot, root, notes) if root is not None else set()
-    shapes = len(robot.findall("link/collision"))
-    _check_count(source, f"collision shapes ({_CUT})", shapes, _MOST_SHAPES)
-    moving = sum(joint.get("type") != "fixed" for joint in robot.findall("joint"))
-    _check_count(source, f"moving joints ({_CUT})", moving, _MOST_MOVING)
-    for _, joint in named(robot, "joint"):
-        if joint.get("type") == "fixed":  # it follows nothing and needs no axis
-            drop(joint, "mimic", "limit", "axis")
-    visuals = take_visuals(robot, folder, packages, inline)
-    unreadable = _number_problems(robot)
-    _lock(robot, notes)
-    broken = tree_problems(robot, root)
-    if not (broken or unreadable):
-        _hold(robot, rotors(robot, folder, packages, inline), notes)
-    limits, joint_problems, continuous = _limits(robot, notes)
-    couplings, mimic_problems = _couplings(robot, outside, notes)
-    unweighed, weightless = ([], []) if broken else unweighed_joints(robot)
-    problems += broken + unreadable + joint_problems + mimic_problems + inertia_problems(robot, notes) + weightless
+    visuals = read_visuals(robot, names)
+    _fix_still_joints(robot, notes)
+    broken = find_tree_problems(robot, root)
+    if not (broken or problems):
+        _fix_idle_joints(robot, find_rotors(robot, names), notes)
+    limits, joint_problems, continuous = _read_limits(robot, notes)
+    couplings, mimic_problems = _resolve_mimics(robot, outside, notes)
+    unweighed, weightless = ([], []) if broken else find_unweighed(robot)
+    problems += broken + joint_problems + mimic_problems + mend_inertias(robot, notes) + weightless
     if problems:
         raise HandNotLoaded(source, problems)
-    joints = [
-        Joint(
-            name=name,
-            type=one_of(f"type of joint '{name}'", joint.get("type"), JOINT_TYPES),
-            parent=end_of(joint, "parent"),
-            child=end_of(joint, "child"),
-        )
-        for name, joint in named(robot, "joint")
-    ]
     followed = {name: one.followed for name, one in couplings.items()}
-    order = in_order(joints, couplings)
+    order = in_order(robot.joints, couplings)
     efforts = {name: one.effort for name, one in limits.items()}
     couplings, limits = led_from_the_front(order, couplings, narrowed(limits, couplings, notes), notes)
-    without = [joint.name for joint in joints if joint.name in limits and not limits[joint.name].effort]
+    joints = [joint.name for joint in robot.joints]
+    without = [name for name in joints if name in limits and not limits[name].effort]
     if without:
         notes.append(f"no effort limit (none given, or 0): {', '.join(without)}")
-    notes += [f"joint {joint.name} follows {couplings[joint.name]}" for joint in joints if joint.name in couplings]
-    prepared = Prepared(name=robot.get("name") or Path(source).stem, joints=joints, followed=followed, notes=notes)
-    prepared.links = [name for name, _ in named(robot, "link")]
-    prepared.shapes = shapes_of(robot, folder, packages, notes, inline)
-    prepared.visuals = visuals
-    prepared.efforts = efforts
-    prepared.unweighed = unweighed
-    prepared.armatures = _armatures(robot, couplings)
-    # What follows one may have an end.
-    prepared.continuous = [name for name in continuous if name not in (*couplings, *followed.values())]
-    prepared.aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}
-    prepared.text = _text(robot, couplings, limits, {own: alias for alias, own in prepared.aliases.items()})
-    return prepared
+    notes += [f"joint {name} follows {couplings[name]}" for name in joints if name in couplings]
+    aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}
+    return PreparedHand(
+        name=robot.name or Path(source).stem,
+        text=_write_text(robot, couplings, limits, {own: alias for alias, own in aliases.items()}),
+        aliases=aliases,
+        joints=robot.joints,
+        links=[link.name for link in robot.links],
+        followed=followed,
+        shapes=read_shapes(robot, names, notes),
+        visuals=visuals,
+        unweighed=unweighed,
+        armatures=_carry_over(robot, couplings, armatures),
+        efforts=efforts,
+        # What follows one may have an end.
+        continuous=[name for name in continuous if name not in (*couplings, *followed.values())],
+        notes=notes,
+    )
 
 
-def _check_count(source: str, what: str, count: int, most: int) -> None:
-    if count > most:
-        raise HandNotLoaded(source, f"expected at most {most} {what}, got {count}")
+def _check_counts(source: str, robot: yourdfpy.Robot) -> None:
+    shapes = sum(len(link.collisions) for link in robot.links)
+    moving = sum(joint.type != "fixed" for joint in robot.joints)
+    for what, count, most in (
+        ("links", len(robot.links), _MOST_LINKS),
+        ("joints", len(robot.joints), _MOST_LINKS),
+        (f"collision shapes ({_CUT})", shapes, _MOST_SHAPES),
+        (f"moving joints ({_CUT})", moving, _MOST_MOVING),
+    ):
+        if count > most:
+            raise HandNotLoaded(source, f"expected at most {most} {what}, got {count}")
 
 
-# -- numbers, limits, couplings ----------------------------------------------------------------------------------------
+# -- limits, couplings -------------------------------------------------------------------------------------------------
 
 
-def _number_problems(robot: ElementTree.Element) -> list[str]:
-    """Attributes that are not the numbers they should be; those of shapes are looked at with the shapes."""
-    problems = []
-    for tag in ("link", "joint"):
-        for name, element in named(robot, tag):
-            for part in element.iter():
-                problems += [f"{tag} '{name}': {problem}" for problem in as_rpy(part)]
-                for key, (count, most) in _NUMBERS.get(part.tag, {}).items():
-                    if part.get(key) is None:
-                        continue
-                    try:
-                        values = numbers(part, key, count, most=most)
-                    except ValueError as error:
-                        problems.append(f"{tag} '{name}': <{part.tag} {key}=>: {error}")
-                        continue
-                    part.set(key, written(values))
-                    if part.tag == "axis" and max(map(abs, values)) < LEAST:
-                        problems.append(f"{tag} '{name}': <axis xyz=> is zero, expected a direction")
-    return problems
-
-
-def _lock(robot: ElementTree.Element, notes: list[str]) -> None:
+def _fix_still_joints(robot: yourdfpy.Robot, notes: list[str]) -> None:
     """Fix joints that cannot move, but for play: with (almost) one limit for both sides, or following another 0 times;
     and what follows them.
 
     Where no joint has a range the limits were forgotten: they stay, to be listed.
     """
-    joints = {name: joint for name, joint in named(robot, "joint") if joint.get("type") in MOVING}
+    joints = {joint.name: joint for joint in robot.joints if joint.type in MOVING}
     at: dict[str, float] = {}
-    ranges = {name: _ends(joint) for name, joint in joints.items() if joint.find("mimic") is None}
+    ranges = {name: _ends(joint) for name, joint in joints.items() if joint.mimic is None}
     widest = max((upper - lower for lower, upper in ranges.values() if lower < upper), default=0.0)
     if widest > 0:
         at = {
             name: min(max(lower, 0.0), upper)
             for name, (lower, upper) in ranges.items()
-            if 0 <= upper - lower <= min(_PLAY[joints[name].get("type", "")], _PLAY_SHARE * widest)
+            if 0 <= upper - lower <= min(_PLAY[joints[name].type], _PLAY_SHARE * widest)
             and max(abs(lower), abs(upper)) <= LARGEST
         }
-    following: dict[str, tuple[str, float, float]] = {}
-    for name, joint in joints.items():
-        if (mimic := joint.find("mimic")) is None:
-            continue
-        try:
-            (factor,), (offset,) = numbers(mimic, "multiplier", 1, "1"), numbers(mimic, "offset", 1, "0")
-        except ValueError:
-            continue  # listed with the other numbers
-        following[name] = mimic.get("joint", ""), factor, offset
-        if factor == 0 and abs(offset) <= LARGEST:
-            at[name] = offset
+    following = {name: joint.mimic for name, joint in joints.items() if joint.mimic is not None}
+    at |= {name: one.offset for name, one in following.items() if one.multiplier == 0 and abs(one.offset) <= LARGEST}
     while more := {
-        name: factor * at[followed] + offset
-        for name, (followed, factor, offset) in following.items()
-        if followed in at and name not in at
+        name: one.multiplier * at[one.joint] + one.offset
+        for name, one in following.items()
+        if one.joint in at and name not in at
     }:
         at.update(more)
     for name, value in at.items():
@@ -223,109 +182,88 @@ def _lock(robot: ElementTree.Element, notes: list[str]) -> None:
         notes.append(f"joints without a way to go are fixed: {', '.join(sorted(at))}")
 
 
-def _hold(robot: ElementTree.Element, rotors: list[str], notes: list[str]) -> None:
+def _fix_idle_joints(robot: yourdfpy.Robot, rotors: list[str], notes: list[str]) -> None:
     """Fix joints that turn a bar or wheel about its own middle, and one that lets a whole hand float; leave out what
     floats and does not move by itself, as an object of a scene.
     """
-    joints = dict(named(robot, "joint"))
-    for name in rotors:
-        _fix(joints[name], 0.0)
+    for joint in robot.joints:
+        if joint.name in rotors:
+            _fix(joint, 0.0)
     if rotors:
         notes.append(f"joints that only turn a bar or wheel about its middle are fixed: {', '.join(rotors)}")
-    moving = {name for name, joint in joints.items() if joint.get("type") in (*MOVING, "continuous")}
-    for name, joint in joints.items():
-        carried = moving & joints_below(robot, end_of(joint, "child"))
-        if joint.get("type") != "floating":
-            continue
+    moving = [joint for joint in robot.joints if joint.type in (*MOVING, "continuous")]
+    for joint in [joint for joint in robot.joints if joint.type == "floating"]:
+        below = links_below(robot, joint.child)
+        carried = [one for one in moving if one.parent in below]
         if not carried:
-            leave_out(robot, end_of(joint, "child"))
-            notes.append(f"'{end_of(joint, 'child')}' floats freely and has no joints: left out")
-        elif carried == moving:
+            robot.links = [link for link in robot.links if link.name not in below]
+            robot.joints = [one for one in robot.joints if one.child not in below]
+            notes.append(f"'{joint.child}' floats freely and has no joints: left out")
+        elif len(carried) == len(moving):
             _fix(joint, 0.0)
-            notes.append(f"joint '{name}' lets the whole hand float: taken as fixed, pose= places the hand")
+            notes.append(f"joint '{joint.name}' lets the whole hand float: taken as fixed, pose= places the hand")
 
 
-def _ends(joint: ElementTree.Element) -> tuple[float, float]:
+def _ends(joint: yourdfpy.Joint) -> tuple[float, float]:
     """Lower and upper limit of a joint; not a number where there is none."""
-    limit = joint.find("limit")
-    try:
-        lower, upper = (math.nan if limit is None else float(limit.get(side, "nan")) for side in ("lower", "upper"))
-    except ValueError:
-        return math.nan, math.nan
+    given = (None, None) if joint.limit is None else (joint.limit.lower, joint.limit.upper)
+    lower, upper = (math.nan if value is None else value for value in given)
     return lower, upper
 
 
-def _fix(joint: ElementTree.Element, value: float) -> None:
-    """Fix a joint where it is at ``value`` [rad or m]; numbers that cannot be read are listed elsewhere."""
-    origin, axis = joint.find("origin"), joint.find("axis")
+def _fix(joint: yourdfpy.Joint, value: float) -> None:
+    """Fix a joint where it is at ``value`` [rad or m]."""
     if value:
-        origin = ElementTree.SubElement(joint, "origin") if origin is None else origin
-        try:
-            direction = np.array([1.0, 0.0, 0.0] if axis is None else numbers(axis, "xyz", 3, "1 0 0"))
-            xyz, rpy = (numbers(origin, key, 3, "0 0 0") for key in ("xyz", "rpy"))
-        except ValueError:
-            return
-        way = value * direction / max(float(np.linalg.norm(direction)), LEAST)
-        turns = joint.get("type") == "revolute"
+        way = value * joint.axis / max(float(np.linalg.norm(joint.axis)), LEAST)
+        turns = joint.type == "revolute"
         moved = pin.SE3(pin.exp3(way), np.zeros(3)) if turns else pin.SE3(np.eye(3), way)
-        placed = pin.SE3(pin.rpy.rpyToMatrix(np.array(rpy)), np.array(xyz)) * moved
-        origin.set("xyz", written(placed.translation))
-        origin.set("rpy", written(pin.rpy.matrixToRpy(placed.rotation)))
-    joint.set("type", "fixed")
-    drop(joint, "mimic", "limit", "axis", "dynamics")
+        joint.origin = (np.eye(4) if joint.origin is None else joint.origin) @ moved.homogeneous
+    joint.type, joint.mimic, joint.limit = "fixed", None, None
 
 
-def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Limits], list[str], list[str]]:
+def _read_limits(robot: yourdfpy.Robot, notes: list[str]) -> tuple[dict[str, Limits], list[str], list[str]]:
     """Limits of the moving joints, the problems with them and with joint types, and the joints that are continuous."""
     limits: dict[str, Limits] = {}
     problems: list[str] = []
     continuous: list[str] = []
-    for name, joint in named(robot, "joint"):
-        kind, limit = joint.get("type"), joint.find("limit")
-        given = {} if limit is None else limit.attrib
-        coupled = joint.find("mimic") is not None
-        if kind == "continuous":
-            joint.set("type", "revolute")
-            given = {**given, "lower": repr(-math.pi), "upper": repr(math.pi)}
-            if coupled:
+    for joint in robot.joints:
+        lower, upper = _ends(joint)
+        if joint.type == "continuous":
+            joint.type, lower, upper = "revolute", -math.pi, math.pi
+            if joint.mimic is not None:
                 continue  # it turns as far as what it follows
-            continuous.append(name)
-        elif kind == "floating":
-            problems.append(f"joint '{name}' floats freely: give root= the hand's palm, or fix it")
-            continue
-        elif kind not in (*MOVING, "fixed"):
+            continuous.append(joint.name)
+        elif joint.type == "floating":
+            problems.append(f"joint '{joint.name}' floats freely: give root= the hand's palm, or fix it")
+        elif joint.type not in (*MOVING, "fixed"):
             problems.append(
-                f"joint '{name}' is {kind or 'without a type'}: only revolute, continuous, prismatic and fixed joints "
-                "are supported"
+                f"joint '{joint.name}' is {joint.type or 'without a type'}: only revolute, continuous, prismatic and "
+                "fixed joints are supported"
             )
+        if joint.type not in MOVING:
             continue
-        if joint.get("type") not in MOVING:
-            continue
-        try:
-            lower, upper = (float(given[side]) if side in given else math.nan for side in ("lower", "upper"))
-            most = {key: float(given.get(key, "0")) for key in ("effort", "velocity")}
-        except ValueError:
-            problems.append(f"joint '{name}': limits must be numbers, got {given}")
-            continue
+        most = {key: getattr(joint.limit, key, None) or 0.0 for key in ("effort", "velocity")}
         # Nobody means more than LARGEST: it stands for no limit.
         most = {key: value if 0 < value <= LARGEST else 0.0 for key, value in most.items()}
         problems += [
-            f"joint '{name}': {key} limit {value:g} is next to nothing: expected 0 for none, or {LEAST:g} and more"
+            f"joint '{joint.name}': {key} limit {value:g} is next to nothing: expected 0 for none, or {LEAST:g} and "
+            "more"
             for key, value in most.items()
             if 0 < value < LEAST
         ]
-        sound = upper - lower >= LEAST and max(abs(lower), abs(upper)) <= LARGEST
-        if sound:
-            limits[name] = Limits(lower=lower, upper=upper, **most)
-        elif coupled:
+        if upper - lower >= LEAST and max(abs(lower), abs(upper)) <= LARGEST:
+            limits[joint.name] = Limits(lower=lower, upper=upper, **most)
+        elif joint.mimic is not None:
             continue  # what it follows bounds it
-        elif "lower" not in given or "upper" not in given:
-            problems.append(f"joint '{name}' has no position limits: give it <limit lower= upper=> (in MJCF: range=)")
+        elif joint.limit is None or None in (joint.limit.lower, joint.limit.upper):
+            problems.append(
+                f"joint '{joint.name}' has no position limits: give it <limit lower= upper=> (in MJCF: range=)"
+            )
         else:
             beyond = f", or beyond {LARGEST:g}" if max(abs(lower), abs(upper)) > LARGEST else ""
             problems.append(
-                f"joint '{name}': lower limit {lower:g} is not below upper {upper:g}{beyond}: correct <limit>, or "
-                "make it a fixed joint"
+                f"joint '{joint.name}': lower limit {lower:g} is not below upper {upper:g}{beyond}: correct <limit>, "
+                "or make it a fixed joint"
             )
     if continuous:
         notes.append(
@@ -335,46 +273,40 @@ def _limits(robot: ElementTree.Element, notes: list[str]) -> tuple[dict[str, Lim
     return limits, problems, continuous
 
 
-def _couplings(
-    robot: ElementTree.Element, outside: set[str], notes: list[str]
+def _resolve_mimics(
+    robot: yourdfpy.Robot, outside: Collection[str], notes: list[str]
 ) -> tuple[dict[str, Coupling], list[str]]:
     """Couplings of the mimic joints to joints that follow none, and the problems with them."""
-    joints = dict(named(robot, "joint"))
+    types = {joint.name: joint.type for joint in robot.joints}
     problems: list[str] = []
     couplings: dict[str, Coupling] = {}
-    for name, joint in joints.items():
-        mimic = joint.find("mimic")
-        if mimic is None:
-            continue
-        followed = mimic.get("joint", "")
+    for name, mimic in ((joint.name, joint.mimic) for joint in robot.joints if joint.mimic is not None):
+        followed = mimic.joint
         if followed in outside:
             problems.append(f"joint '{name}' mimics '{followed}', which root= leaves out: choose a root with both")
             continue
-        if followed not in joints:
+        if followed not in types:
             # Exporters add a prefix to the joints and forget it here.
-            near = [other for other in joints if followed and other.endswith(followed) and other != name]
+            near = [other for other in types if followed and other.endswith(followed) and other != name]
             same = [other for other in near if name.startswith(other[: len(other) - len(followed)])]
             if len(same) != 1:
-                problems.append(f"joint '{name}' mimics the unknown joint '{followed}'; joints: {', '.join(joints)}")
+                problems.append(f"joint '{name}' mimics the unknown joint '{followed}'; joints: {', '.join(types)}")
                 continue
             notes.append(f"joint {name} mimics '{followed}', which does not exist: taken as {same[0]}")
             followed = same[0]
-        try:
-            (factor,), (offset,) = numbers(mimic, "multiplier", 1, "1"), numbers(mimic, "offset", 1, "0")
-        except ValueError:
-            continue  # listed with the other numbers
-        couplings[name] = Coupling(followed=followed, factor=factor, offset=offset)
-    direct, more = resolve(couplings, {name: joint.get("type") for name, joint in joints.items()})
+        couplings[name] = Coupling(followed=followed, factor=mimic.multiplier, offset=mimic.offset)
+    direct, more = resolve(couplings, types)
     return direct, problems + more
 
 
-def _armatures(robot: ElementTree.Element, couplings: dict[str, Coupling]) -> dict[str, float]:
+def _carry_over(
+    robot: yourdfpy.Robot, couplings: Mapping[str, Coupling], armatures: Mapping[str, float]
+) -> dict[str, float]:
+    """Inertia of the motors [kg m^2] as the actuated joints have it."""
     found: dict[str, float] = {}
-    for name, joint in named(robot, "joint"):
-        dynamics = joint.find("dynamics")
-        value = 0.0 if dynamics is None else float(dynamics.get("armature", "0"))
-        if joint.get("type") in MOVING and value > 0:
-            coupling = couplings.get(name, Coupling(followed=name, factor=1.0, offset=0.0))
+    for joint in robot.joints:
+        if joint.type in MOVING and (value := armatures.get(joint.name, 0.0)) > 0:
+            coupling = couplings.get(joint.name, Coupling(followed=joint.name, factor=1.0, offset=0.0))
             found[coupling.followed] = found.get(coupling.followed, 0.0) + coupling.factor**2 * value
     return found
 
@@ -382,29 +314,48 @@ def _armatures(robot: ElementTree.Element, couplings: dict[str, Coupling]) -> di
 # -- for Pinocchio -----------------------------------------------------------------------------------------------------
 
 
-def _text(
-    robot: ElementTree.Element, couplings: dict[str, Coupling], limits: dict[str, Limits], aliases: dict[str, str]
+def _write_text(
+    robot: yourdfpy.Robot, couplings: dict[str, Coupling], limits: dict[str, Limits], aliases: dict[str, str]
 ) -> str:
-    """URDF with only what Pinocchio needs: one of each element per joint, one inertial per link."""
-    out = ElementTree.Element("robot", name=robot.get("name") or "hand")
-    for name, link in named(robot, "link"):
-        body = ElementTree.SubElement(out, "link", name=name)
-        if (inertial := link.find("inertial")) is not None:
-            body.append(inertial)
-    for name, joint in named(robot, "joint"):
-        kept = ElementTree.SubElement(out, "joint", name=aliases.get(name, name), type=joint.get("type", ""))
-        kept.extend(part for tag in ("origin", "parent", "child", "axis") if (part := joint.find(tag)) is not None)
-        if joint.get("type") in MOVING:
-            own = limits.get(name, Limits(lower=-1.0, upper=1.0))  # those of a coupled joint are not used
+    """URDF with only what Pinocchio needs; yourdfpy's own leaves out which joints follow others."""
+    out = ElementTree.Element("robot", name=robot.name or "hand")
+    for link in robot.links:
+        body = ElementTree.SubElement(out, "link", name=link.name)
+        if link.inertial is not None:
+            inertial = ElementTree.SubElement(body, "inertial")
+            _put_origin(inertial, link.inertial.origin)
+            ElementTree.SubElement(inertial, "mass", value=repr(float(link.inertial.mass)))
+            (xx, xy, xz), (_, yy, yz), (*_, zz) = link.inertial.inertia.tolist()
+            moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
+            ElementTree.SubElement(inertial, "inertia", {key: repr(value) for key, value in moments.items()})
+    for joint in robot.joints:
+        put = ElementTree.SubElement(out, "joint", name=aliases.get(joint.name, joint.name), type=joint.type)
+        _put_origin(put, joint.origin)
+        ElementTree.SubElement(put, "parent", link=joint.parent)
+        ElementTree.SubElement(put, "child", link=joint.child)
+        if joint.type not in MOVING:
+            continue
+        ElementTree.SubElement(put, "axis", xyz=_write_numbers(joint.axis))
+        own = limits.get(joint.name, Limits(lower=-1.0, upper=1.0))  # those of a coupled joint are not used
+        ElementTree.SubElement(
+            put, "limit", {key: repr(getattr(own, key)) for key in ("lower", "upper", "effort", "velocity")}
+        )
+        if one := couplings.get(joint.name):
             ElementTree.SubElement(
-                kept, "limit", {key: repr(getattr(own, key)) for key in ("lower", "upper", "effort", "velocity")}
+                put, "mimic", joint=aliases[one.followed], multiplier=repr(one.factor), offset=repr(one.offset)
             )
-        if name in couplings:
-            one = couplings[name]
-            ElementTree.SubElement(
-                kept, "mimic", joint=aliases[one.followed], multiplier=repr(one.factor), offset=repr(one.offset)
-            )
-        elif (dynamics := joint.find("dynamics")) is not None:
-            given = dynamics.attrib
-            ElementTree.SubElement(kept, "dynamics", {k: given[k] for k in ("damping", "friction") if k in given})
+        elif joint.dynamics is not None:
+            damping, friction = (str(value or 0.0) for value in (joint.dynamics.damping, joint.dynamics.friction))
+            ElementTree.SubElement(put, "dynamics", damping=damping, friction=friction)
     return ElementTree.tostring(out, encoding="unicode")
+
+
+def _put_origin(element: ElementTree.Element, origin: Array | None) -> None:
+    if origin is not None:
+        rpy = pin.rpy.matrixToRpy(origin[:3, :3])
+        ElementTree.SubElement(element, "origin", xyz=_write_numbers(origin[:3, 3]), rpy=_write_numbers(rpy))
+
+
+def _write_numbers(values: Array) -> str:
+    """Numbers as text, without losing a digit."""
+    return " ".join(map(repr, values.tolist()))

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.elements import end_of, named
 from pinograsp.hands.tree import MOVING
+
+if TYPE_CHECKING:
+    import yourdfpy
 
 
 def cut_out(source: str, robot: ElementTree.Element, root: str, notes: list[str]) -> set[str]:
@@ -14,7 +19,7 @@ def cut_out(source: str, robot: ElementTree.Element, root: str, notes: list[str]
     links = [name for name, _ in named(robot, "link")]
     if root not in links:
         raise HandNotLoaded(source, f"root '{root}' is not a link; links: {', '.join(links)}")
-    kept = _reached(robot, root)
+    kept = _reach([(end_of(joint, "parent"), end_of(joint, "child")) for joint in robot.findall("joint")], root)
     outside = {name for name, joint in named(robot, "joint") if end_of(joint, "parent") not in kept}
     for name, link in named(robot, "link"):
         if name not in kept:
@@ -26,11 +31,11 @@ def cut_out(source: str, robot: ElementTree.Element, root: str, notes: list[str]
     return outside
 
 
-def _reached(robot: ElementTree.Element, root: str) -> set[str]:
-    """The links below ``root``, itself included."""
+def _reach(joints: Iterable[tuple[str, str]], root: str) -> set[str]:
+    """The links below ``root``, itself included, by the parents and children of joints."""
     below: dict[str, list[str]] = {}
-    for _, joint in named(robot, "joint"):
-        below.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
+    for parent, child in joints:
+        below.setdefault(parent, []).append(child)
     reached, waiting = {root}, [root]
     while waiting:
         further = set(below.get(waiting.pop(), [])) - reached
@@ -39,42 +44,29 @@ def _reached(robot: ElementTree.Element, root: str) -> set[str]:
     return reached
 
 
-def joints_below(robot: ElementTree.Element, link: str) -> set[str]:
-    """Names of the joints that a link carries, directly or through others."""
-    reached = _reached(robot, link)
-    return {name for name, joint in named(robot, "joint") if end_of(joint, "parent") in reached}
+def links_below(robot: yourdfpy.Robot, link: str) -> set[str]:
+    """Names of a link and of those that it carries, directly or through others."""
+    return _reach([(joint.parent, joint.child) for joint in robot.joints], link)
 
 
-def leave_out(robot: ElementTree.Element, link: str) -> None:
-    """Remove a link with all that it carries, and the joint that carries it."""
-    reached = _reached(robot, link)
-    for name, one in named(robot, "link"):
-        if name in reached:
-            robot.remove(one)
-    for _, joint in named(robot, "joint"):
-        if end_of(joint, "child") in reached:
-            robot.remove(joint)
-
-
-def tree_problems(robot: ElementTree.Element, root: str | None) -> list[str]:
+def find_tree_problems(robot: yourdfpy.Robot, root: str | None) -> list[str]:
     """What is wrong with the links and joints of a tree that should have one root and move."""
-    links = [name for name, _ in named(robot, "link")]
-    joints = robot.findall("joint")
+    links = [link.name for link in robot.links]
     if not links:
         return ["no <link> found: expected a <robot> with links and joints (a file of macros is for others to include)"]
     problems = []
-    for kind, names in (("link", links), ("joint", [name for name, _ in named(robot, "joint")])):
+    for kind, names in (("link", links), ("joint", [joint.name for joint in robot.joints])):
         if not all(names):
             problems.append(f"{names.count('')} <{kind}> without a name")
         repeated = sorted({name for name in names if name and names.count(name) > 1})
         problems += [f"{kind} '{name}' is defined {names.count(name)} times" for name in repeated]
         if kind == "joint" and "universe" in names:
             problems.append("joint 'universe': Pinocchio keeps that name for the world, choose another")
-    children = [end_of(joint, "child") for joint in joints]
-    for joint in joints:
+    children = [joint.child for joint in robot.joints]
+    for joint in robot.joints:
         problems += [
-            f"joint '{joint.get('name')}' names the unknown link '{link}': add it, or correct the name"
-            for link in (end_of(joint, "parent"), end_of(joint, "child"))
+            f"joint '{joint.name}' names the unknown link '{link}': add it, or correct the name"
+            for link in (joint.parent, joint.child)
             if link not in links
         ]
     twice = sorted({name for name in children if children.count(name) > 1})
@@ -84,10 +76,10 @@ def tree_problems(robot: ElementTree.Element, root: str | None) -> list[str]:
         found = ", ".join(roots) or "every link has a parent, which is a loop"
         problems.append(f"expected one root link, found {len(roots)}: {found}; join them, or give root=")
     elif not problems:
-        reached = _reached(robot, roots[0])
+        reached = links_below(robot, roots[0])
         if loose := [name for name in links if name not in reached]:
             problems.append(f"links that hang on each other in a loop: {', '.join(loose)}")
-    if not any(joint.get("type") in (*MOVING, "continuous") for joint in joints):
+    if not any(joint.type in (*MOVING, "continuous") for joint in robot.joints):
         where = f" beyond root '{root}'" if root else ""
         problems.append(f"no revolute or prismatic joint{where}: expected a hand that moves")
     return problems

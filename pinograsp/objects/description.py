@@ -16,7 +16,7 @@ from pinograsp.hands.shapes import mesh_path
 from pinograsp.spatial import FARTHEST, Array, IntArray, pose_of, rotation_rpy
 
 Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
-_MOST_SHAPES = 1000
+MOST_SHAPES = 1000
 _LEAST = 1e-9  # [m] of sizes
 _LARGEST = 1e6  # of angles, masses and moments in SI units
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -189,8 +189,8 @@ def names_of(elements: list[ElementTree.Element]) -> str:
 def collisions_of(link: ElementTree.Element) -> list[ElementTree.Element]:
     """The collision shapes of a link; ValueError for more than an object has."""
     found = link.findall("collision")
-    if len(found) > _MOST_SHAPES:
-        raise ValueError(f"expected at most {_MOST_SHAPES} collision shapes, got {len(found)}")
+    if len(found) > MOST_SHAPES:
+        raise ValueError(f"expected at most {MOST_SHAPES} collision shapes, got {len(found)}")
     return found
 
 

@@ -10,24 +10,12 @@ import numpy as np
 
 from pinograsp.checks import one_of
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands.elements import end_of, named, numbers
-from pinograsp.hands.geometry import Triangles
-from pinograsp.hands.mjcf import Urdf
+from pinograsp.hands.mjcf import MjcfRobot
 from pinograsp.hands.mjcf_source import compile_file, compile_spec
-from pinograsp.objects.description import (
-    URDF_SIZES,
-    Description,
-    Kind,
-    Part,
-    collisions_of,
-    origin_of,
-    part_of,
-    shape_of,
-)
+from pinograsp.hands.shapes import MeshNames, read_shapes
+from pinograsp.objects.description import MOST_SHAPES, Description, Part
 from pinograsp.spatial import Array
 
-# As the URDF has them that MJCF is turned into.
-_SIZES: dict[Kind, dict[str, int]] = {**URDF_SIZES, "ellipsoid": {"size": 3}}
 _UNTOLD = ("the sub-tree of",)  # notes of the reader that say nothing of an object
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _MOST_NAMES = 10
@@ -51,15 +39,15 @@ def mjcf_description(
         else:
             compiled = compile_file(str(path), source, path, trusted)
         chosen = _choose(compiled.model, body)
-        urdf = Urdf(str(path), compiled, chosen)
+        read = MjcfRobot(str(path), compiled, chosen)
     except HandNotLoaded as error:
         raise ValueError("; ".join(error.problems)) from None
-    if urdf.problems:
-        raise ValueError("; ".join(urdf.problems))
-    parts = _collect_parts(urdf.robot, path.parent, urdf.inline)
+    if read.problems:
+        raise ValueError("; ".join(read.problems))
+    parts = _collect_parts(read, path.parent)
     if not parts:
         raise ValueError(f"body '{chosen}': expected a <geom> that touches (contype, conaffinity), got none")
-    told = tuple(note for note in urdf.notes if not note.startswith(_UNTOLD))
+    told = tuple(note for note in read.notes if not note.startswith(_UNTOLD))
     mass, com, inertia = _weigh(compiled.model, chosen)
     if mass <= 0:
         return Description(parts=tuple(parts), mass=None, com=None, inertia=None, notes=told)
@@ -97,22 +85,28 @@ def _joint_types(model: mujoco.MjModel, body: int) -> set[int]:
     return set(model.jnt_type[first : first + int(model.body_jntnum[body])].tolist()) if first >= 0 else set()
 
 
-def _collect_parts(robot: ElementTree.Element, folder: Path, inline: dict[str, Triangles]) -> list[Part]:
+def _collect_parts(read: MjcfRobot, folder: Path) -> list[Part]:
     """The shapes of all links, which are fixed to the first, in its frame."""
-    at = {robot.findall("link")[0].get("name", ""): np.eye(4)}
-    for _, joint in named(robot, "joint"):  # parents come first
-        at[end_of(joint, "child")] = at[end_of(joint, "parent")] @ origin_of(joint)
-    parts = []
-    for name, link in named(robot, "link"):
-        for collision in collisions_of(link):
-            geometry, kind = shape_of(collision, _SIZES)
-            pose, file = at[name] @ origin_of(collision), geometry.get("filename", "")
-            if file in inline:
-                parts.append(Part(kind="mesh", size=(1.0, 1.0, 1.0), pose=pose, triangles=inline[file]))
-                continue
-            size = [numbers(geometry, key, n) for key, n in _SIZES[kind].items()]
-            parts.append(part_of(kind, size, pose, file, folder, {}))
-    return parts
+    robot = read.robot
+    if max(len(link.collisions) for link in robot.links) > MOST_SHAPES:
+        raise ValueError(f"expected at most {MOST_SHAPES} collision shapes of a body")
+    at = {robot.links[0].name: np.eye(4)}
+    for joint in robot.joints:  # parents come first
+        at[joint.child] = at[joint.parent] @ joint.origin
+    left_out: list[str] = []
+    shapes = read_shapes(robot, MeshNames(folder=folder, inline=read.inline), left_out)
+    if left_out:
+        raise ValueError("; ".join(left_out))
+    return [
+        Part(
+            kind=shape.kind,
+            size=shape.size,
+            pose=at[shape.link] @ shape.placement.homogeneous,
+            path=None if shape.triangles is not None or not shape.path else Path(shape.path),
+            triangles=shape.triangles,
+        )
+        for shape in shapes
+    ]
 
 
 def _weigh(model: mujoco.MjModel, name: str) -> tuple[float, Array, Array]:
