@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import copy
 import functools
-import io
-import logging
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-import yourdfpy
 
 MOVING = ("revolute", "prismatic", "continuous")
 
@@ -39,8 +36,6 @@ class Description:
         for link in self.robot.findall("link"):
             for element in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(element)
-        self.root = root
-        self.whole = copy.deepcopy(self.robot)
         if root is not None:
             self._cut(root)
         self.moving = [joint.get("name") for joint in self.robot.findall("joint") if joint.get("type") in MOVING]
@@ -73,7 +68,8 @@ class Description:
         columns = [[self.position(joint, {**zero, name: 1.0}) for joint in joints] - offsets for name in actuated]
         return np.column_stack(columns), offsets
 
-    def full_model(self) -> pin.Model:
+    @functools.cached_property
+    def model(self) -> pin.Model:
         """Pinocchio's model of the sub-tree with every mimic joint free."""
         robot = copy.deepcopy(self.robot)
         for joint in robot.findall("joint"):
@@ -83,16 +79,9 @@ class Description:
                 ElementTree.SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
         return pin.buildModelFromXML(ElementTree.tostring(robot, encoding="unicode"))
 
-    @functools.cached_property
-    def tree(self) -> yourdfpy.URDF:
-        """yourdfpy's tree of the whole file."""
-        logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
-        text = ElementTree.tostring(self.whole)
-        return yourdfpy.URDF.load(io.BytesIO(text), load_meshes=False, build_scene_graph=True)
-
     def placements(self, links, free: dict[str, float]) -> np.ndarray:
-        """Placements (k, 4, 4) of links in the root link, by yourdfpy."""
-        everything = dict.fromkeys(self.tree.actuated_joint_names, 0.0)
-        everything.update({joint: self.position(joint, free) for joint in self.moving})
-        self.tree.update_cfg(everything)
-        return np.array([self.tree.get_transform(link, self.root or self.tree.base_link) for link in links])
+        """Placements (k, 4, 4) of links in the root link, by Pinocchio's own reading of the file."""
+        model, data = self.model, self.model.createData()
+        q = np.array([self.position(joint, free) for joint in list(model.names)[1:]])
+        pin.framesForwardKinematics(model, data, q)
+        return np.array([data.oMf[model.getFrameId(link, pin.FrameType.BODY)].homogeneous for link in links])

@@ -13,14 +13,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from pinograsp.checks import path_of
+from pinograsp.checks import mapping_of, path_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.catalogue import CATALOGUE, convex_parts_of, file_of
-from pinograsp.hands.drives import Actuation
 from pinograsp.hands.elements import is_text, parse, read_bytes
 from pinograsp.hands.finger_names import Labels
 from pinograsp.hands.mesh_file import LFS_POINTER
-from pinograsp.hands.ros_packages import Packages
+from pinograsp.hands.motors import Actuation
+from pinograsp.hands.ros_packages import packages_of
 from pinograsp.hands.shapes import MeshNames
 from pinograsp.hands.urdf_couplings import add_couplings
 from pinograsp.hands.urdf_drives import actuation_of
@@ -49,17 +49,19 @@ class Description:
         names: what the names of its meshes mean.
         actuation: motors and springs.
         collisions: pairs of links that are not looked at for collisions, as SRDF has them.
-        outside: joints that root= leaves out.
+        root: link whose sub-tree it is of a larger robot; None: all of it.
+        outside: joints of that robot.
         labels: other names that tell what fingers are called.
         problems, notes: found so far.
     """
 
     name: str
     robot: yourdfpy.Robot
-    armatures: Mapping[str, float]
     names: MeshNames
-    actuation: Actuation
     collisions: ElementTree.Element
+    armatures: Mapping[str, float] = field(default_factory=dict)
+    actuation: Actuation = field(default_factory=Actuation)
+    root: str | None = None
     outside: Collection[str] = ()
     labels: Labels = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
@@ -67,20 +69,22 @@ class Description:
 
 
 def read_description(
-    source: object, root: str | None, arguments: dict[str, object], trusted: bool, packages: Packages
+    source: object,
+    root: str | None,
+    trusted: bool,
+    packages: Mapping[str, str | Path] | None,
+    xacro_args: Mapping[str, object] | None,
 ) -> Description:
     """The description that a name, a path, a text or a specification of MuJoCo's stands for.
 
-    Args:
-        source: one of these.
-        root: link whose sub-tree is the hand.
-        arguments: of a xacro file.
-        trusted: whether the file may do all that its format lets it do.
-        packages: folders of ROS packages, by name.
+    ``root`` is the link whose sub-tree is the hand; the others are those of :func:`pinograsp.load_hand`.
 
     Raises:
         HandNotLoaded: the file is missing or broken.
+        InvalidInput: packages or arguments that are none.
     """
+    folders = packages_of(packages)
+    arguments = dict(mapping_of("xacro_args", {} if xacro_args is None else xacro_args, "{name: value}"))
     if type(source).__name__ == "MjSpec":
         from pinograsp.hands.mjcf_source import compile_spec
 
@@ -93,10 +97,10 @@ def read_description(
         path = file_of(name) if name in CATALOGUE else _find_file(name)
         text = "" if path.suffix.lower() == ".xacro" else _read_text(name, path)
     if path.suffix.lower() == ".xacro":
-        text = expand_xacro(path, arguments, trusted=trusted, packages=packages)
+        text = expand_xacro(path, arguments, trusted=trusted, packages=folders)
     elif arguments:
         raise HandNotLoaded(name, f"arguments {', '.join(arguments)} given, but only xacro files take arguments")
-    element, names = parse(name, text), MeshNames(folder=path.resolve().parent, packages=packages)
+    element, names = parse(name, text), MeshNames(folder=path.resolve().parent, packages=folders)
     if element.tag == "mujoco":
         from pinograsp.hands.mjcf_source import compile_file
 
@@ -115,6 +119,7 @@ def read_description(
         names=names,
         actuation=actuation,
         collisions=element,
+        root=root,
         outside=outside,
         problems=problems,
         notes=notes,

@@ -68,6 +68,8 @@ class Shape:
     __repr__ = brief()
 
 
+# Numbers that give the size of a shape.
+SIZES: dict[Kind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3}
 PRIMITIVES: dict[str, type[coal.ShapeBase]] = {
     "box": coal.Box,
     "sphere": coal.Sphere,

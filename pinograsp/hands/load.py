@@ -16,28 +16,17 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry
 from pinograsp.hands.body_checks import mend_bodies
 from pinograsp.hands.catalogue import CATALOGUE, Entry
-from pinograsp.hands.descriptions import read_description
-from pinograsp.hands.drives import (
-    ON_DRIVES,
-    Actuation,
-    Drive,
-    Spring,
-    drives_of,
-    motors_at,
-    on_joints,
-    one_each,
-    remarks_on,
-    springs_of,
-)
+from pinograsp.hands.descriptions import Description, read_description
+from pinograsp.hands.drives import ON_DRIVES, Drive, Spring, one_each
 from pinograsp.hands.finger_names import Labels, names_of
 from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing, without_shapes
 from pinograsp.hands.joint_limits import with_effort_limits
 from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import tells_unit
 from pinograsp.hands.model import Finger, HandModel
-from pinograsp.hands.ros_packages import packages_of
+from pinograsp.hands.motors import Actuation, drives_of, motors_at, on_joints, remarks_on, springs_of
 from pinograsp.hands.srdf import disabled_collisions, pairs_in
-from pinograsp.hands.tree import Part, find_fingers, joints_before, palms_in, tip_of, with_followed
+from pinograsp.hands.tree import find_fingers, joints_before, palms_in, tip_of, with_followed
 from pinograsp.hands.unit_checks import size_notes, speed_notes
 from pinograsp.hands.urdf import PreparedHand, prepare_hand
 from pinograsp.spatial import FARTHEST
@@ -116,8 +105,6 @@ def load_hand(
     flag("hulls", hulls)
     flag("trusted", trusted)
     one_of("masses", masses, get_args(Masses))
-    folders = packages_of(packages)
-    arguments = dict(mapping_of("xacro_args", {} if xacro_args is None else xacro_args, "{name: value}"))
     exclude = items_of("exclude", exclude, str)
     if fingers is not None:
         fingers = {
@@ -127,27 +114,13 @@ def load_hand(
     entry = CATALOGUE.get(source) if isinstance(source, str) else None
     if entry is not None:
         root, palm, fingers = root or entry.root, palm or entry.palm, fingers or entry.fingers
-    description = read_description(source, root, arguments, trusted, folders)
-    found = description.actuation
-    prepared = prepare_hand(
-        description.name,
-        description.robot,
-        description.names,
-        root=root,
-        outside=description.outside,
-        armatures=description.armatures,
-        problems=description.problems,
-        notes=description.notes,
-    )
-    labels = {"motor": motors_at(found), **description.labels}
-    hand = _hand_model(description.name, prepared, palm, fingers, masses, exclude, labels)
+    description = read_description(source, root, trusted, packages, xacro_args)
+    prepared = prepare_hand(description)
+    labels = {"motor": motors_at(description.actuation), **description.labels}
+    hand = _build_hand(description.name, prepared, palm, fingers, masses, exclude, labels)
     hand = with_effort_limits(hand, prepared.efforts, () if entry is None else entry.drives or ())
-    hand = _driven(hand, found, entry, drives, springs)
-    pairs, told = pairs_in(description.collisions, prepared.links), list(hand.notes)
-    if srdf is not None:
-        driven = [joint for drive in hand.drives for joint in drive.joints]
-        pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), prepared.links, driven, told)
-    hand = replace(hand, disabled_collisions=tuple(dict.fromkeys(pairs)), notes=tuple(told))
+    hand = _add_drives(hand, description.actuation, entry, drives, springs)
+    hand = _disable_collisions(hand, description, prepared.links, srdf)
     hand = hand.with_limits({} if limits is None else limits)
     slides = hand.slides.tolist()
     odd = [*speed_notes(hand.joint_names, slides, hand.velocity), *size_notes(hand.model, hand.geometry)]
@@ -160,16 +133,8 @@ def load_hand(
     return hand if pose is None else hand.placed(pose)
 
 
-def _hand_model(
-    source: str,
-    prepared: PreparedHand,
-    palm: str | None,
-    names: dict[str, str] | None,
-    masses: Masses,
-    exclude: Sequence[str],
-    labels: Labels,
-) -> HandModel:
-    notes = list(prepared.notes)
+def _build_model(source: str, prepared: PreparedHand) -> pin.Model:
+    """Pinocchio's model, with joints and frames under their own names."""
     try:
         model = pin.buildModelFromXML(prepared.text, True)
     except (ValueError, RuntimeError) as error:
@@ -184,6 +149,20 @@ def _hand_model(
     for joint, value in prepared.armatures.items():
         armature[model.joints[model.getJointId(joint)].idx_v] = value
     model.armature = armature
+    return model
+
+
+def _build_hand(
+    source: str,
+    prepared: PreparedHand,
+    palm: str | None,
+    names: dict[str, str] | None,
+    masses: Masses,
+    exclude: Sequence[str],
+    labels: Labels,
+) -> HandModel:
+    """The hand without drives: its model, geometry, masses and fingers."""
+    model, notes = _build_model(source, prepared), list(prepared.notes)
     geometry, unit = collision_geometry(model, prepared.shapes, notes)
     visuals = [
         replace(one, size=tuple(unit * size for size in one.size))
@@ -214,7 +193,16 @@ def _hand_model(
         names,
         lambda chains: names_of(chains, labels),
     )
-    fingers = tuple(_finger(model, name, chain) for name, chain in chains.items())
+    fingers = tuple(
+        Finger.on_model(
+            model,
+            name,
+            [part.joint.name for part in chain],
+            [part.joint.child for part in chain],
+            tip_of(chain),
+        )
+        for name, chain in chains.items()
+    )
     notes += _on_root(model, prepared, solid, palm, fingers)
     return HandModel(
         name=prepared.name,
@@ -266,7 +254,7 @@ def _on_root(
     ]
 
 
-def _driven(
+def _add_drives(
     hand: HandModel,
     found: Actuation,
     entry: Entry | None,
@@ -300,6 +288,17 @@ def _driven(
     return hand.with_drives(drives, springs_of(found, joints, couplings) if springs is None else springs)
 
 
+def _disable_collisions(
+    hand: HandModel, description: Description, links: Sequence[str], srdf: str | Path | None
+) -> HandModel:
+    """The hand without the pairs of links whose collisions its description or an SRDF file disables."""
+    pairs, notes = pairs_in(description.collisions, links), list(hand.notes)
+    if srdf is not None:
+        driven = [joint for drive in hand.drives for joint in drive.joints]
+        pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), links, driven, notes)
+    return replace(hand, disabled_collisions=tuple(dict.fromkeys(pairs)), notes=tuple(notes))
+
+
 def _check_kinematics(source: str, model: pin.Model) -> None:
     """Refuse a model whose placements, Jacobians or inertias are not finite, or that is larger than any hand."""
     middle = 0.5 * (model.lowerPositionLimit + model.upperPositionLimit)
@@ -317,19 +316,3 @@ def _check_kinematics(source: str, model: pin.Model) -> None:
             raise HandNotLoaded(
                 source, f"it reaches farther than {FARTHEST:g} m from its root: expected lengths in metres"
             )
-
-
-def _finger(model: pin.Model, name: str, chain: list[Part]) -> Finger:
-    joints = tuple(part.joint.name for part in chain)
-    ids = tuple(model.getJointId(joint) for joint in joints)
-    dofs = list(dict.fromkeys(model.joints[j].idx_v for j in ids))
-    actuated = {model.joints[j].idx_v: model.names[j] for j in range(1, model.njoints) if model.joints[j].nv}
-    return Finger(
-        name=name,
-        joints=joints,
-        links=tuple(part.joint.child for part in chain),
-        tip=tip_of(chain),
-        joint_ids=ids,
-        dofs=np.array(dofs),
-        actuated=tuple(actuated[i] for i in dofs),
-    )

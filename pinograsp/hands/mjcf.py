@@ -15,12 +15,12 @@ import pinocchio as pin
 import yourdfpy
 
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands.drives import Actuation
 from pinograsp.hands.elements import LARGEST
 from pinograsp.hands.geometry import Triangles
 from pinograsp.hands.mjcf_drives import find_couplings, find_effort_limits, read_actuation, read_rests
 from pinograsp.hands.mjcf_loops import close_loops
 from pinograsp.hands.mjcf_source import Compiled, G, placement
+from pinograsp.hands.motors import Actuation
 from pinograsp.hands.urdf_file import CAPSULE, ELLIPSOID
 from pinograsp.spatial import FARTHEST, Array
 

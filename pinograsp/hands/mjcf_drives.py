@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 
 from pinograsp.hands.coupling import Coupling, resolve
-from pinograsp.hands.drives import ON_DRIVES, Actuation, Control, Motor, Spring
+from pinograsp.hands.drives import ON_DRIVES, Control, Spring
 from pinograsp.hands.mjcf_loops import Loop, Rest
+from pinograsp.hands.motors import Actuation, Motor
 
 _SAMPLES = 101  # of a curve by which a joint follows another
 _NARROW = 0.02  # of the way that a tendon's joints could go: one of so narrow a range couples them

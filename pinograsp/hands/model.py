@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -25,7 +25,6 @@ from pinograsp.checks import (
 )
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
-from pinograsp.hands.drive_lines import beyond_effort, lines_on_drives
 from pinograsp.hands.drives import (
     ON_DRIVES,
     ON_SPRINGS,
@@ -36,6 +35,7 @@ from pinograsp.hands.drives import (
     transmission,
 )
 from pinograsp.hands.geometry import Shape
+from pinograsp.hands.hand_lines import beyond_effort, describe_hand
 from pinograsp.hands.unit_checks import ON_LIMITS, limit_notes
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, BoolArray, IntArray, pose_of
@@ -64,6 +64,22 @@ class Finger:
     actuated: tuple[str, ...]
 
     __repr__ = brief()
+
+    @classmethod
+    def on_model(cls, model: pin.Model, name: str, joints: Sequence[str], links: Sequence[str], tip: str) -> Finger:
+        """The finger of these moving joints, base to tip, and the links that they move."""
+        ids = tuple(int(model.getJointId(joint)) for joint in joints)
+        dofs = list(dict.fromkeys(model.joints[j].idx_v for j in ids))
+        actuated = {model.joints[j].idx_v: model.names[j] for j in range(1, model.njoints) if model.joints[j].nv}
+        return cls(
+            name=name,
+            joints=tuple(joints),
+            links=tuple(links),
+            tip=tip,
+            joint_ids=ids,
+            dofs=np.array(dofs),
+            actuated=tuple(actuated[i] for i in dofs),
+        )
 
     @property
     def n(self) -> int:
@@ -133,8 +149,7 @@ class HandModel:
     @property
     def n(self) -> int:
         """Number of actuated joints of the whole model."""
-        n: int = self.model.nv
-        return n
+        return int(self.model.nv)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -241,10 +256,7 @@ class HandModel:
     @property
     def slides(self) -> BoolArray:
         """Which actuated joints slide rather than turn (n,), in the order of q."""
-        model = self.model
-        joints = [j for j in range(1, model.njoints) if model.joints[j].nv]
-        slides: BoolArray = np.array([self.is_prismatic(j) for j in joints], dtype=bool)
-        return slides
+        return np.array([self.is_prismatic(self.model.getJointId(name)) for name in self.joint_names], dtype=bool)
 
     def ratio(self, joint_id: int) -> float:
         """How far a joint moves for each unit of the actuated joint that it follows; 1 for an actuated joint."""
@@ -265,13 +277,11 @@ class HandModel:
     def frame_id(self, name: str) -> int:
         """Pinocchio's index of a frame, of the link where a joint has the same name; unknown names are refused."""
         text_of(f"frame of hand '{self.name}'", name)
-        for kind in (pin.FrameType.BODY, pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
-            if self.model.existFrame(name, kind):
-                index: int = self.model.getFrameId(name, kind)
-                return index
+        kinds = (pin.FrameType.BODY, pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
+        if (kind := next((kind for kind in kinds if self.model.existFrame(name, kind)), None)) is not None:
+            return int(self.model.getFrameId(name, kind))
         one_of(f"frame of hand '{self.name}'", name, [frame.name for frame in self.model.frames])
-        index = self.model.getFrameId(name)
-        return index
+        return int(self.model.getFrameId(name))
 
     def placed(self, pose: ArrayLike) -> HandModel:
         """The same hand with its root frame at ``pose`` = oMh (4, 4)."""
@@ -364,8 +374,8 @@ class HandModel:
         hand = replace(self, drives=drives)
         if hand.passive_joints:
             notes.append(f"{ON_DRIVES}no motor moves the joints {', '.join(hand.passive_joints)}")
-        slides = [self.is_prismatic(self.model.getJointId(joint)) for joint in joints]
-        notes += [f"{ON_DRIVES}{text}" for text in beyond_effort(joints, self.effort_or_infinity, slides, drives)]
+        beyond = beyond_effort(joints, self.effort_or_infinity, self.slides.tolist(), drives)
+        notes += [f"{ON_DRIVES}{text}" for text in beyond]
         if springs is not None:
             springs = checked_springs(self.name, joints, couplings, springs)
             notes = [note for note in notes if not note.startswith(ON_SPRINGS)]
@@ -376,39 +386,7 @@ class HandModel:
 
     def describe(self) -> str:
         """What was found: fingers, joints, links, limits, masses, drives, as readable text."""
-        model = self.model
-        coupled = model.njoints - 1 - self.n
-        joints = f"{self.n} joint{'s' * (self.n != 1)}"
-        if coupled:
-            joints += f" that move{'s' * (self.n == 1)} {coupled} more"
-        fingers = f"{len(self.fingers)} finger{'s' * (len(self.fingers) != 1)}"
-        lines = [f"hand {self.name}: {joints}, {fingers} on '{self.palm}', {self.mass:.3f} kg ({self.source})"]
-        for finger in self.fingers:
-            lines.append(f"  {finger.name}: {1e3 * self.finger_mass(finger.name):.1f} g, tip '{finger.tip}'")
-            lines += [
-                f"    {joint} -> {link}: {self._bounds(j)}"
-                for joint, link, j in zip(finger.joints, finger.links, finger.joint_ids)
-            ]
-        on_fingers = {j for finger in self.fingers for j in finger.joint_ids}
-        if others := [j for j in range(1, model.njoints) if j not in on_fingers]:
-            lines.append("  joints on no finger:")
-            stays = {name: f", stays at {value:+.3f}" for name, value in self.posture.items()}
-            lines += [f"    {name}: {self._bounds(j)}{stays.get(name, '')}" for j in others if (name := model.names[j])]
-        listed = [name for finger in self.fingers for name in finger.joints if name in self.joint_names]
-        if listed != [name for name in self.joint_names if name in listed]:
-            lines.append(f"  order of q: {', '.join(self.joint_names)}")
-        slides = [self.is_prismatic(model.getJointId(spring.joint)) for spring in self.springs]
-        lines += lines_on_drives(self.drives, self.springs, slides, self.direct_drive and self.n > 1)
-        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
-
-    def _bounds(self, joint_id: int) -> str:
-        """Limits of a joint with their units, or what it follows."""
-        model, i = self.model, self.model.joints[joint_id].idx_v
-        if coupling := self.couplings.get(model.names[joint_id]):
-            return f"follows {coupling}"
-        length, force = ("m", "N") if self.is_prismatic(joint_id) else ("rad", "N m")
-        effort = f"{model.effortLimit[i]:g} {force}" if model.effortLimit[i] else "not given"
-        return f"{model.lowerPositionLimit[i]:+.3f} .. {model.upperPositionLimit[i]:+.3f} {length}, effort {effort}"
+        return "\n".join(describe_hand(self))
 
 
 def _unpickled(*values: Any) -> HandModel:

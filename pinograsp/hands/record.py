@@ -6,7 +6,7 @@ import os
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args
 
@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, number, one_of, placement_of
 from pinograsp.errors import HandNotLoaded, InvalidInput
+from pinograsp.hands.descriptions import Description
 from pinograsp.hands.drives import Control, Drive, Spring, checked_drives, checked_springs, drive_record, one_each
 from pinograsp.hands.elements import named, parse
-from pinograsp.hands.geometry import PRIMITIVES, hull_of, read_mesh
+from pinograsp.hands.geometry import PRIMITIVES, SIZES, hull_of, read_mesh
 from pinograsp.hands.mesh_file import collision_model
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.shapes import MeshNames
@@ -34,7 +35,7 @@ _Kind = TypeVar("_Kind")
 _KINDS: dict[type, str] = {str: "a text", list: "a list", dict: "a mapping", int: "an integer"}
 # Of the actuated joints, by their names in Pinocchio.
 _LIMITS = ("lowerPositionLimit", "upperPositionLimit", "effortLimit", "velocityLimit", "armature")
-_SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3, "hull": 3}
+_SIZES = {**SIZES, "hull": 3}
 
 
 def hand_record(hand: HandModel) -> dict[str, Any] | None:
@@ -78,9 +79,7 @@ def hand_record(hand: HandModel) -> dict[str, Any] | None:
             for finger in hand.fingers
         ],
         "drives": [drive_record(drive) for drive in hand.drives],
-        "springs": [
-            {"joint": spring.joint, "stiffness": spring.stiffness, "rest": spring.rest} for spring in hand.springs
-        ],
+        "springs": [asdict(spring) for spring in hand.springs],
         "posture": {str(joint): float(value) for joint, value in hand.posture.items()},
         "disabled_collisions": [list(pair) for pair in hand.disabled_collisions],
         "continuous": list(hand.continuous),
@@ -213,7 +212,8 @@ def _description(record: dict[str, Any]) -> str:
                 ElementTree.SubElement(inertial, "inertia", dict.fromkeys(MOMENTS, "0"))
         problems: list[str] = []
         types = [joint.get("type") for joint in robot.findall("joint")]
-        prepared = prepare_hand(source, read_urdf(robot, problems)[0], MeshNames(folder=Path()), problems=problems)
+        read, names = read_urdf(robot, problems)[0], MeshNames(folder=Path())
+        prepared = prepare_hand(Description(name=source, robot=read, names=names, collisions=robot, problems=problems))
         if [joint.type for joint in prepared.joints] != types:
             raise HandNotLoaded(source, "a joint without a way to go: make it fixed, as in every record")
     except RecursionError:
@@ -256,18 +256,7 @@ def _finger(model: pin.Model, links: list[str], i: int, one: dict[str, Any]) -> 
         one_of(f"hand record: {where}joint", name, list(model.names)[1:])
     for name in (*moved, tip := _field(one, "tip", str, where)):
         one_of(f"hand record: {where}link", name, links)
-    ids = tuple(int(model.getJointId(name)) for name in joints)
-    actuated = {model.joints[j].idx_v: model.names[j] for j in range(1, model.njoints) if model.joints[j].nv}
-    dofs = list(dict.fromkeys(model.joints[j].idx_v for j in ids))
-    return Finger(
-        name=_field(one, "name", str, where),
-        joints=tuple(joints),
-        links=tuple(moved),
-        tip=tip,
-        joint_ids=ids,
-        dofs=np.array(dofs),
-        actuated=tuple(actuated[d] for d in dofs),
-    )
+    return Finger.on_model(model, _field(one, "name", str, where), joints, moved, tip)
 
 
 def _drives(record: dict[str, Any], hand: HandModel) -> tuple[Drive, ...]:
@@ -377,11 +366,8 @@ def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> _Shapes:
     problems: list[str] = []
     for i, one in enumerate(shapes):
         where = f"geometry[{i}]: "
-        name, frame, joint = (
-            _field(one, "name", str, where),
-            _field(one, "frame", int, where),
-            _field(one, "joint", int, where),
-        )
+        name = _field(one, "name", str, where)
+        frame, joint = (_field(one, key, int, where) for key in ("frame", "joint"))
         if not 0 <= frame < model.nframes or model.frames[frame].parentJoint != joint:
             raise InvalidInput(f"hand record: {where}expected a frame and its joint, got {frame} and {joint}")
         if geometry.existGeometryName(name):
@@ -394,10 +380,8 @@ def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> _Shapes:
         _near(f"{where}size", size)
         placement = _placement(one, where)
         if from_file and "triangles" in one:
-            from_file, form = (
-                False,
-                collision_model(*read_triangles(f"hand record: {where}triangles", one["triangles"])),
-            )
+            from_file = False
+            form = collision_model(*read_triangles(f"hand record: {where}triangles", one["triangles"]))
         elif from_file:
             form = _mesh(_field(one, "path", str, where), size, problems)
         else:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +17,7 @@ from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_fr
 from pinograsp.hands.elements import LARGEST, LEAST
 from pinograsp.hands.geometry import Shape
 from pinograsp.hands.rotors import find_rotors
-from pinograsp.hands.shapes import MeshNames, read_shapes, read_visuals
+from pinograsp.hands.shapes import read_shapes, read_visuals
 from pinograsp.hands.tree import MOVING
 from pinograsp.hands.urdf_masses import find_unweighed, mend_inertias
 from pinograsp.hands.urdf_tree import find_tree_problems, links_below
@@ -26,6 +25,8 @@ from pinograsp.spatial import Array
 
 if TYPE_CHECKING:
     import yourdfpy
+
+    from pinograsp.hands.descriptions import Description
 
 # Of a whole robot, for Pinocchio builds trees by recursion; of a hand, for Pinocchio's memory grows with the cube of
 # its joints.
@@ -69,40 +70,22 @@ class PreparedHand:
     notes: list[str] = field(default_factory=list)
 
 
-def prepare_hand(
-    source: str,
-    robot: yourdfpy.Robot,
-    names: MeshNames,
-    *,
-    root: str | None = None,
-    outside: Collection[str] = (),
-    armatures: Mapping[str, float] = MappingProxyType({}),
-    problems: Iterable[str] = (),
-    notes: Iterable[str] = (),
-) -> PreparedHand:
-    """Check and complete a description; ``robot`` is changed.
-
-    Args:
-        source: what to call it in errors.
-        robot: its links and joints.
-        names: what the names of meshes mean.
-        root: the link whose sub-tree it is of a larger robot; None: it is all of it.
-        outside: joints of that robot.
-        armatures: inertia of the motors [kg m^2], by joint.
-        problems, notes: found before, to be listed with the others.
+def prepare_hand(description: Description) -> PreparedHand:
+    """Check and complete a description, whose robot is changed.
 
     Raises:
         HandNotLoaded: with all problems found.
     """
+    source, robot, names = description.name, description.robot, description.names
     _check_counts(source, robot)
-    problems, notes = list(problems), list(notes)
+    problems, notes = list(description.problems), list(description.notes)
     visuals = read_visuals(robot, names)
     _fix_still_joints(robot, notes)
-    broken = find_tree_problems(robot, root)
+    broken = find_tree_problems(robot, description.root)
     if not (broken or problems):
         _fix_idle_joints(robot, find_rotors(robot, names), notes)
     limits, joint_problems, continuous = _read_limits(robot, notes)
-    couplings, mimic_problems = _resolve_mimics(robot, outside, notes)
+    couplings, mimic_problems = _resolve_mimics(robot, description.outside, notes)
     unweighed, weightless = ([], []) if broken else find_unweighed(robot)
     problems += broken + joint_problems + mimic_problems + mend_inertias(robot, notes) + weightless
     if problems:
@@ -127,7 +110,7 @@ def prepare_hand(
         shapes=read_shapes(robot, names, notes),
         visuals=visuals,
         unweighed=unweighed,
-        armatures=_carry_over(robot, couplings, armatures),
+        armatures=_carry_over(robot, couplings, description.armatures),
         efforts=efforts,
         # What follows one may have an end.
         continuous=[name for name in continuous if name not in (*couplings, *followed.values())],

@@ -5,8 +5,9 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 
-from pinograsp.hands.drives import Actuation, Control, Motor, Spring
+from pinograsp.hands.drives import Control, Spring
 from pinograsp.hands.elements import floats
+from pinograsp.hands.motors import Actuation, Motor
 from pinograsp.words import printable
 
 # By the command that a joint takes; of several, the first here.

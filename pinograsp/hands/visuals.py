@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from pinograsp.checks import array_of, one_of, placement_of, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.elements import read_bytes
-from pinograsp.hands.geometry import PRIMITIVES, Kind, Shape, Triangles
+from pinograsp.hands.geometry import PRIMITIVES, SIZES, Kind, Shape, Triangles
 from pinograsp.hands.mesh_file import checked, joined, load
 from pinograsp.hands.shapes import hex_of
 from pinograsp.spatial import FARTHEST, Array, IntArray
@@ -42,8 +42,6 @@ _MOST_BYTES, _MOST_PIXELS = 50_000_000, 40_000_000  # of a file of materials or 
 _FINEST, _COARSER = 400, 1.3  # cells along a mesh's longest side, and how many times fewer the next time
 _TEXTURES, _PICTURES = ("textures", "materials"), (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".tif", ".tiff", ".webp")
 _UNPAINTED = np.array([-1.0, -1.0, -1.0])
-# Numbers that give the size of a shape.
-_SIZES: dict[Kind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 3}
 
 
 def mesh_of(shape: Shape) -> MeshKey:
@@ -326,8 +324,8 @@ def visuals_from(records: Sequence[Any], links: Sequence[str]) -> tuple[Shape, .
         where = f"hand record: visuals[{i}]: "
         if not isinstance(one, dict):
             raise InvalidInput(f"{where}expected a mapping, got {one!r:.60}")
-        kind: Kind = one_of(f"{where}kind", one.get("kind"), _SIZES)
-        size = array_of(f"{where}size", one.get("size"), (_SIZES[kind],))
+        kind: Kind = one_of(f"{where}kind", one.get("kind"), SIZES)
+        size = array_of(f"{where}size", one.get("size"), (SIZES[kind],))
         placement = placement_of(f"{where}placement", one.get("placement"))
         path = text_of(f"{where}path", one.get("path"))
         colour = text_of(f"{where}colour", one.get("colour"))

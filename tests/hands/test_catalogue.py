@@ -1,4 +1,4 @@
-"""Every hand of the catalogue: loads, is what its entry says, and moves as yourdfpy says the whole file moves."""
+"""Every hand of the catalogue: loads, is what its entry says, and moves as Pinocchio says the file moves."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_joints_are_those_of_the_file(name):
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_forward_kinematics_equals_yourdfpys_on_the_whole_robot(name):
+def test_forward_kinematics_equals_pinocchios_of_the_file(name):
     hand, file = loaded(name), oracle(name)
     links = sorted({link for finger in hand.fingers for link in (*finger.links, finger.tip)} | {hand.palm})
     rng = np.random.default_rng(7)

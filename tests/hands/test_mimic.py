@@ -23,7 +23,7 @@ COUPLED = [
 
 def check_against_free(hand, file, seed=5):
     """rnea, mass matrix and frame Jacobians of ``hand`` are E^T tau, E^T M E and J E of the model without couplings."""
-    full = file.full_model()
+    full = file.model
     for j in range(1, full.njoints):  # masses may have been filled in from the geometry: not what is tested here
         full.inertias[j] = hand.model.inertias[hand.model.getJointId(full.names[j])]
     E, offsets = file.expansion(list(full.names)[1:], hand.joint_names)
@@ -202,7 +202,7 @@ def test_a_joint_that_stands_for_another_has_its_limits(tmp_path):
     assert hand.couplings["c"].factor == pytest.approx(-0.6)
     assert any("a stands for b" in note for note in hand.notes)
     check = Description(tmp_path / "hand.urdf")
-    full = check.full_model()
+    full = check.model
     # Virtual power: tau_a da = tau_full . dq_full with dq_full = (1, 2, -0.6).
     E = np.array([[{"a": 1.0, "b": 2.0, "c": -0.6}[name]] for name in list(full.names)[1:]])
     o = np.array([{"a": 0.0, "b": -0.4, "c": 0.12}[name] for name in list(full.names)[1:]])

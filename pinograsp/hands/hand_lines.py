@@ -1,14 +1,18 @@
-"""Drives in words: what a hand's description says of them."""
+"""A hand in words: its fingers, joints, limits, masses and drives."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pinograsp.hands.drives import SERVO, SLIDING_SERVO, Drive, Spring
 from pinograsp.hands.sources import unlike
 from pinograsp.spatial import Array
+
+if TYPE_CHECKING:
+    from pinograsp.hands.model import HandModel
 
 
 def beyond_effort(joints: Sequence[str], efforts: Array, slides: Sequence[bool], drives: Iterable[Drive]) -> list[str]:
@@ -28,7 +32,7 @@ def beyond_effort(joints: Sequence[str], efforts: Array, slides: Sequence[bool],
     return found
 
 
-def lines_on_drives(
+def _describe_drives(
     drives: Sequence[Drive], springs: Sequence[Spring], slides: Sequence[bool], each: bool
 ) -> list[str]:
     """Lines about drives, where their figures come from, and springs.
@@ -57,3 +61,43 @@ def lines_on_drives(
         stiff, at = ("N/m", "m") if sliding else ("N m/rad", "rad")
         lines.append(f"  spring at {spring.joint}: {spring.stiffness:g} {stiff}, at rest at {spring.rest:g} {at}")
     return lines
+
+
+def describe_hand(hand: HandModel) -> list[str]:
+    """Lines on fingers, joints, links, limits, masses, drives and notes."""
+    model = hand.model
+    coupled = model.njoints - 1 - hand.n
+    joints = f"{hand.n} joint{'s' * (hand.n != 1)}"
+    if coupled:
+        joints += f" that move{'s' * (hand.n == 1)} {coupled} more"
+    fingers = f"{len(hand.fingers)} finger{'s' * (len(hand.fingers) != 1)}"
+    lines = [f"hand {hand.name}: {joints}, {fingers} on '{hand.palm}', {hand.mass:.3f} kg ({hand.source})"]
+    for finger in hand.fingers:
+        lines.append(f"  {finger.name}: {1e3 * hand.finger_mass(finger.name):.1f} g, tip '{finger.tip}'")
+        lines += [
+            f"    {joint} -> {link}: {_describe_bounds(hand, j)}"
+            for joint, link, j in zip(finger.joints, finger.links, finger.joint_ids)
+        ]
+    on_fingers = {j for finger in hand.fingers for j in finger.joint_ids}
+    if others := [j for j in range(1, model.njoints) if j not in on_fingers]:
+        lines.append("  joints on no finger:")
+        stays = {name: f", stays at {value:+.3f}" for name, value in hand.posture.items()}
+        lines += [
+            f"    {name}: {_describe_bounds(hand, j)}{stays.get(name, '')}" for j in others if (name := model.names[j])
+        ]
+    listed = [name for finger in hand.fingers for name in finger.joints if name in hand.joint_names]
+    if listed != [name for name in hand.joint_names if name in listed]:
+        lines.append(f"  order of q: {', '.join(hand.joint_names)}")
+    slides = [hand.is_prismatic(model.getJointId(spring.joint)) for spring in hand.springs]
+    lines += _describe_drives(hand.drives, hand.springs, slides, hand.direct_drive and hand.n > 1)
+    return [*lines, *(f"  note: {note}" for note in hand.notes)]
+
+
+def _describe_bounds(hand: HandModel, joint_id: int) -> str:
+    """Limits of a joint with their units, or what it follows."""
+    model, i = hand.model, hand.model.joints[joint_id].idx_v
+    if coupling := hand.couplings.get(model.names[joint_id]):
+        return f"follows {coupling}"
+    length, force = ("m", "N") if hand.is_prismatic(joint_id) else ("rad", "N m")
+    effort = f"{model.effortLimit[i]:g} {force}" if model.effortLimit[i] else "not given"
+    return f"{model.lowerPositionLimit[i]:+.3f} .. {model.upperPositionLimit[i]:+.3f} {length}, effort {effort}"
