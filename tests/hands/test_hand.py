@@ -190,14 +190,6 @@ def test_yourdfpy_and_pinocchio_agree_on_forward_kinematics():
             assert np.abs(ours - theirs).max() < 1e-9
 
 
-def test_pictures_are_the_ellipsoids():
-    """The scaled unit sphere of a link fills the box of its semi-axes."""
-    robot = yourdfpy.URDF.load(str(urdf_folder() / "humanoid_hand.urdf"))
-    visual = robot.link_map["index_proximal"].visuals[0]
-    assert np.allclose(visual.geometry.mesh.scale, [26.98e-3, 9.11e-3, 9.28e-3])
-    assert robot.scene.extents.max() == pytest.approx(0.2, abs=0.1)  # a hand
-
-
 def test_fingertips_lie_on_the_published_contacts(hand, final_angles):
     q = hand.configuration(final_angles)
     for finger, point in POINTS.items():
@@ -354,12 +346,6 @@ def test_smallest_hand_loads(tmp_path):
     assert hand.palm == "base" and hand.fingers[0].tip == "a_tip" and hand.fingers[0].name == "a"
 
 
-def test_dos_line_ends_and_leading_blank_lines_are_fine(tmp_path):
-    path = tmp_path / "dos.urdf"
-    path.write_bytes(urdf().replace("\n", "\r\n").encode())
-    assert load_hand(path).n == 1
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -392,14 +378,6 @@ def test_dos_line_ends_and_leading_blank_lines_are_fine(tmp_path):
 def test_broken_urdfs_are_refused_with_the_reason(tmp_path, text, message):
     with pytest.raises(HandNotLoaded, match=message):
         load_hand(write(tmp_path, text))
-
-
-def test_all_problems_are_named_at_once(tmp_path):
-    path = write(tmp_path, urdf(first="", limit=""))
-    with pytest.raises(HandNotLoaded) as caught:
-        load_hand(path)
-    text = "; ".join(caught.value.problems)
-    assert "no <inertial>" in text and "no position limits" in text
 
 
 def test_missing_file_and_binary_file(tmp_path):
@@ -520,6 +498,7 @@ def test_limits_without_effort_or_velocity(tmp_path):
         ('<limit lower="-1" upper="1" effort="-3" velocity="nan"/>', 0, 0),
         ('<limit lower="-1" upper="1" effort="inf" velocity="2"/>', 0, 2),
         ('<limit lower=" -1e0 " upper="1" effort="2.5"/>', 2.5, 0),
+        ('<limit lower="-1" upper="1" effort="1e308"/>', 0, 0),
     ):
         hand = load_hand(write(tmp_path, urdf(limit=limit)))
         assert hand.effort.tolist() == [effort] and hand.velocity.tolist() == [velocity]
@@ -689,6 +668,13 @@ def test_a_chain_as_long_as_is_allowed_loads(tmp_path):
     assert load_hand(write(tmp_path, robot("chain", *parts, *joints))).n == n
 
 
+def test_a_hand_that_reaches_too_far_is_refused(tmp_path):
+    parts = [link("l0"), *(link(f"l{i}", 0.1, "box 1 1 1") for i in range(1, 4))]
+    joints = [joint(f"j{i}", f"l{i - 1}", f"l{i}", "0 0 900", "0 1 0", "-1 1 1 1") for i in range(1, 4)]
+    with pytest.raises(HandNotLoaded, match="reaches farther than 1000 m"):
+        load_hand(write(tmp_path, robot("long", *parts, *joints)))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -703,32 +689,8 @@ def test_a_chain_as_long_as_is_allowed_loads(tmp_path):
         (('upper="1"', 'upper="1e308"'), "limit -1 is not below upper 1e+308, or beyond"),
         (('lower="-1" upper="1"', 'lower="0" upper="1e-320"'), "not below"),
         (('effort="1"', 'effort="1e-320"'), "effort limit 9.99989e-321 is next to nothing"),
-        (('effort="1"', 'velocity="1e-320"'), "velocity limit 9.99989e-321 is next to nothing"),
+        (('velocity="1"', 'velocity="1e-320"'), "velocity limit 9.99989e-321 is next to nothing"),
         (("<axis", '<dynamics armature="1e308"/><axis'), "<dynamics armature=>: expected a number of at most"),
-    ],
-)
-def test_numbers_beyond_all_use_are_refused(tmp_path, change, message):
-    assert change[0] in urdf()
-    text = urdf().replace(*change).replace('velocity="1e-320" velocity="1"', 'effort="1" velocity="1e-320"')
-    with pytest.raises(HandNotLoaded) as caught:
-        load_hand(write(tmp_path, text))
-    assert message in str(caught.value)
-
-
-def test_a_hand_that_reaches_too_far_is_refused(tmp_path):
-    parts = [link("l0"), *(link(f"l{i}", 0.1, "box 1 1 1") for i in range(1, 4))]
-    joints = [joint(f"j{i}", f"l{i - 1}", f"l{i}", "0 0 900", "0 1 0", "-1 1 1 1") for i in range(1, 4)]
-    with pytest.raises(HandNotLoaded, match="reaches farther than 1000 m"):
-        load_hand(write(tmp_path, robot("long", *parts, *joints)))
-
-
-def test_effort_without_end_is_none(tmp_path):
-    assert load_hand(write(tmp_path, urdf().replace('effort="1"', 'effort="1e308"'))).effort.tolist() == [0.0]
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
         (('name="j" type', "type"), "1 <joint> without a name"),
         (('<link name="a_tip"/>', '<link name="a_tip"/><link/>'), "1 <link> without a name"),
         (('name="j" type', 'name="universe" type'), "joint 'universe': Pinocchio keeps that name"),
@@ -755,15 +717,6 @@ def test_broken_parts_are_named(tmp_path, change, message):
     with pytest.raises(HandNotLoaded) as caught:
         load_hand(write(tmp_path, urdf().replace(*change)))
     assert message in str(caught.value)
-
-
-def test_loops_beside_the_tree(tmp_path):
-    loop = "".join(
-        f'<link name="{a}"/><joint name="{a}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
-        for a, b in (("x", "y"), ("y", "x"))
-    )
-    with pytest.raises(HandNotLoaded, match="hang on each other in a loop: x, y"):
-        load_hand(write(tmp_path, urdf(joints=loop)))
 
 
 def test_problems_of_every_kind_come_in_one_error(tmp_path):
