@@ -27,6 +27,7 @@ REACHED = {
     "example-robot-data": "files",
     "osqp": "by name through qpsolvers",
     "proxsuite": "by name through qpsolvers",
+    "xacro": "by name, as a copy",
 }
 # Extras whose packages are reached by name as well, or are for those who work on the package.
 NOT_IMPORTED = ("solvers", "docs", "test", "dev")

@@ -35,7 +35,7 @@ _Kind = TypeVar("_Kind")
 _KINDS: dict[type, str] = {str: "a text", list: "a list", dict: "a mapping", int: "an integer"}
 # Of the actuated joints, by their names in Pinocchio.
 _LIMITS = ("lowerPositionLimit", "upperPositionLimit", "effortLimit", "velocityLimit", "armature")
-_SIZES = {**SIZES, "hull": 3}
+_SIZES = {str(kind): count for kind, count in SIZES.items()} | {"hull": 3}
 
 
 def hand_record(hand: HandModel) -> dict[str, Any] | None:
