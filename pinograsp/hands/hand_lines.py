@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from pinograsp.hands.drives import SERVO, SLIDING_SERVO, Drive, Spring
 from pinograsp.hands.sources import unlike
 from pinograsp.spatial import Array
-
-if TYPE_CHECKING:
-    from pinograsp.hands.model import HandModel
 
 
 def beyond_effort(joints: Sequence[str], efforts: Array, slides: Sequence[bool], drives: Iterable[Drive]) -> list[str]:
@@ -63,8 +60,11 @@ def _describe_drives(
     return lines
 
 
-def describe_hand(hand: HandModel) -> list[str]:
-    """Lines on fingers, joints, links, limits, masses, drives and notes."""
+def describe_hand(hand: Any) -> list[str]:
+    """Lines on fingers, joints, links, limits, masses, drives and notes of a ``HandModel``.
+
+    By these it describes itself, so that its type is not known here.
+    """
     model = hand.model
     coupled = model.njoints - 1 - hand.n
     joints = f"{hand.n} joint{'s' * (hand.n != 1)}"
@@ -93,7 +93,7 @@ def describe_hand(hand: HandModel) -> list[str]:
     return [*lines, *(f"  note: {note}" for note in hand.notes)]
 
 
-def _describe_bounds(hand: HandModel, joint_id: int) -> str:
+def _describe_bounds(hand: Any, joint_id: int) -> str:
     """Limits of a joint with their units, or what it follows."""
     model, i = hand.model, hand.model.joints[joint_id].idx_v
     if coupling := hand.couplings.get(model.names[joint_id]):
