@@ -21,7 +21,7 @@ from pinograsp.forces import (
     refine_multipliers,
 )
 from pinograsp.motion import contact_postures
-from pinograsp.motion.grasp_ik import press
+from pinograsp.motion.grasp_ik import ContactPath, press
 from pinograsp.plan import ComparisonRow
 from pinograsp.planner import GraspPlan
 
@@ -214,8 +214,9 @@ def _fit_in_plane_force(plan: GraspPlan, finger: str) -> float:
     nearest = int(np.argmin(np.abs(found.angles - angles).max(axis=1)))
     profile = plan.solution.profile
     still = replace(profile, acceleration=np.zeros(1))
-    times = np.linspace(profile.impact_time, profile.final_time, 3)
-    posture, point = found.angles[nearest], found.points_l[nearest]
-    J = press(hand, hand.finger(finger), [contact], posture, point, still, [0], times).jacobians[0, 0, :3]
+    path = ContactPath([contact], still, [0], np.linspace(profile.impact_time, profile.final_time, 3))
+    only = slice(nearest, nearest + 1)
+    (motion,) = press(hand, hand.finger(finger), path, found.angles[only], found.points_l[only])
+    J = motion.jacobians[0, 0, :3]
     force = np.linalg.lstsq(J[:, 1:].T, np.array(TORQUES_NM["grasp"][finger][1:]), rcond=1e-9)[0]
     return float(np.linalg.norm(force))

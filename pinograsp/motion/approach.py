@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, number, one_of
-from pinograsp.spatial import Array, IntArray
+from pinograsp.spatial import Array, BoolArray, IntArray
 
 StartAcceleration = Literal["rest", "paper"]
 _HALVINGS = 0.5 ** np.arange(7)
 _STILL = 1e-9  # [rad/s or m/s]
 
 STARTS: tuple[StartAcceleration, ...] = get_args(StartAcceleration)
+Order = Literal["together", "base first", "tip first"]
+ORDERS: tuple[Order, ...] = get_args(Order)
+_TURNS = 0.6  # share of the way after which the last joint starts, where they take turns
+# Shares of the approach in which joints come up to speed; the shorter, the nearer to the contact they start to.
+LAST_PARTS = (0.1, 0.03, 0.01)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,25 +44,33 @@ class JointPath:
         """Of some joints."""
         return JointPath(q=self.q[:, joints], dq=self.dq[:, joints], ddq=self.ddq[:, joints])
 
+    def come_after(self, rise: JointPath) -> JointPath:
+        """An approach and this path, which begins with the sample at which the approach ends."""
+        parts = {name: (getattr(rise, name)[:-1], getattr(self, name)) for name in ("q", "dq", "ddq")}
+        return JointPath(**{name: np.concatenate(pair) for name, pair in parts.items()})
+
+    @property
+    def start(self) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations of its first sample, each (n,)."""
+        return self.q[0], self.dq[0], self.ddq[0]
+
 
 def approach(
     times: ArrayLike,
     impact_time: float,
     start: ArrayLike,
-    q: ArrayLike,
-    dq: ArrayLike,
-    ddq: ArrayLike,
+    end: tuple[ArrayLike, ArrayLike, ArrayLike],
     *,
     acceleration_at_start: StartAcceleration = "rest",
 ) -> JointPath:
     """The motion of n joints at ``times`` (m,) [s] in [0, t_I].
 
-    From ``start`` (n,) [rad] at rest to ``q``, ``dq``, ``ddq`` (n,) at ``impact_time``. The acceleration at t = 0 is
-    zero (``"rest"``) or -ddq (``"paper"``, the boundary condition (i) below Eq. 19).
+    From ``start`` (n,) [rad] at rest to the ``end``, q, dq and ddq (n,) each, at ``impact_time``. The acceleration at
+    t = 0 is zero (``"rest"``) or -ddq (``"paper"``, the boundary condition (i) below Eq. 19).
     """
     number("impact time", impact_time, above=0, unit="s")
     one_of("acceleration at start", acceleration_at_start, STARTS)
-    a0, q_T, dq_T, ddq_T = (array_of("approach state", v, (None,)) for v in (start, q, dq, ddq))
+    a0, q_T, dq_T, ddq_T = (array_of("approach state", v, (None,)) for v in (start, *end))
     T = impact_time
     a1 = np.zeros_like(a0)
     a2 = -ddq_T / 2 if acceleration_at_start == "paper" else np.zeros_like(a0)
@@ -76,14 +90,12 @@ def gentle_approach(
     times: ArrayLike,
     impact_time: float,
     start: ArrayLike,
-    q: ArrayLike,
-    dq: ArrayLike,
-    ddq: ArrayLike,
+    end: tuple[ArrayLike, ArrayLike, ArrayLike],
     *,
     limits: tuple[ArrayLike, ArrayLike],
     windows: ArrayLike,
     last_part: float,
-) -> tuple[JointPath, NDArray[np.bool_]]:
+) -> tuple[JointPath, BoolArray]:
     """As :func:`approach`, within the joints' limits all the way: near to the contact at rest, then on to it.
 
     Every joint goes from ``start`` to a place just short of ``q`` and rests there; the last part of the time, or
@@ -94,9 +106,7 @@ def gentle_approach(
         times: samples (m,) [s] in [0, t_I].
         impact_time: t_I [s].
         start: joint positions (n,) [rad or m].
-        q: at impact (n,).
-        dq: rates at impact (n,).
-        ddq: accelerations at impact (n,).
+        end: positions q, rates dq and accelerations ddq at impact, each (n,).
         limits: least and largest positions (n,), (n,).
         windows: begin and end of each joint's first motion (n, 2), as shares of the time before its last part [-].
         last_part: share of the time before impact in which joints come up to their rates there [-].
@@ -105,7 +115,7 @@ def gentle_approach(
         The path, and which joints (n,) have no room at all to come up to their rates: these jump at impact.
     """
     number("impact time", impact_time, above=0, unit="s")
-    a, q_T, dq_T, ddq_T, low, high = (array_of("approach state", v, (None,)) for v in (start, q, dq, ddq, *limits))
+    a, q_T, dq_T, ddq_T, low, high = (array_of("approach state", v, (None,)) for v in (start, *end, *limits))
     ends = array_of("windows", windows, (a.size, 2))
     t = array_of("times", times, (None,))[:, None]
     last = number("last part", last_part, above=0) * impact_time * _HALVINGS
@@ -134,3 +144,13 @@ def gentle_approach(
     rate[first:] += dq_T * (3 * square - 2 * cube) + duration * ddq_T * (cube - square)
     curvature[first:] += dq_T / duration * 6 * w * (1 - w) + ddq_T * (3 * square - 2 * w)
     return JointPath(q=position, dq=rate, ddq=curvature), jumps
+
+
+def take_turns(fingers: Sequence[IntArray], n: int, order: Order) -> Array:
+    """Windows (n, 2) for :func:`gentle_approach` in which the joints of each finger move together, or one by one."""
+    begin = np.zeros(n)
+    if order == "together":
+        return np.column_stack([begin, begin + 1.0])
+    for dofs in fingers:
+        begin[dofs] = np.linspace(0, _TURNS, len(dofs))[:: 1 if order == "base first" else -1]
+    return np.column_stack([begin, begin + 1 - _TURNS])

@@ -8,6 +8,7 @@ from that posture. Pinocchio's own kinematics is quicker for a few postures, thi
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -44,7 +45,7 @@ def points_at(
         for j in list(model.supports[joint])[1:]:
             if j not in known:
                 own = pin.getJointJacobian(model, data, j, pin.WORLD).reshape(6, model.nv)
-                known[j] = _moved(known[model.parents[j]], own, finger, q - q[0])
+                known[j] = _carry(known[model.parents[j]], own, finger, q - q[0])
         last = known[joint]
         points[:, c] = last.turned @ data.oMi[joint].act(point_l) + last.moved
         for dof, before, linear, angular in last.passed:
@@ -56,18 +57,20 @@ def points_at(
     return points, jacobians
 
 
-class _Screws:
+class _Screws(NamedTuple):
     """Where a joint has been carried at m postures: ``turned`` (m, 3, 3) and ``moved`` (m, 3) from where it was.
 
     ``own`` (6, n): its Jacobian at the first posture; ``passed``: of all joints on the way the index in the finger, the
     joint before, and the screw at the first posture: linear (3,) and angular (3,) part.
     """
 
-    def __init__(self, own: Array, turned: Array, moved: Array, passed: list[tuple[int, _Screws, Array, Array]]):
-        self.own, self.turned, self.moved, self.passed = own, turned, moved, passed
+    own: Array
+    turned: Array
+    moved: Array
+    passed: list[tuple[int, _Screws, Array, Array]]
 
 
-def _moved(before: _Screws, own: Array, finger: Finger, distances: Array) -> _Screws:
+def _carry(before: _Screws, own: Array, finger: Finger, distances: Array) -> _Screws:
     """The next joint, with its Jacobian ``own`` (6, n), as the finger's joints go by ``distances`` (m, n_f)."""
     turned, moved, passed = before.turned, before.moved, before.passed
     # What this joint adds to the one before: one column, its own or that of the joint that it follows.

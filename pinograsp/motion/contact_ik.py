@@ -19,7 +19,7 @@ from pinograsp.contacts import PALM, Contact, ContactSet
 from pinograsp.errors import ContactNotReached
 from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.jacobian import point_jacobian
-from pinograsp.motion.planar import REACHED, Sampling, closed_form, link_direction, link_vector, planar_finger
+from pinograsp.motion.planar import REACHED, Sampling, closed_form, planar_finger, touching_point
 from pinograsp.spatial import Array
 from pinograsp.words import fixed
 
@@ -84,6 +84,16 @@ def contact_postures(
         for name, angles in given.items()
         if name != PALM
     }
+    postures = find_postures(hand, contacts, references, spread, samples)
+    for found in postures.values():
+        frozen(found.angles), frozen(found.points_l)
+    return postures
+
+
+def find_postures(
+    hand: HandModel, contacts: ContactSet, references: Mapping[str, Array], spread: float, samples: int
+) -> dict[str, ContactPostures]:
+    """As :func:`contact_postures`, of arguments that are known to be sound."""
     result = {}
     for finger, which in moving_groups(hand, contacts):
         own = [contacts[i] for i in which]
@@ -91,8 +101,8 @@ def contact_postures(
         if contacts.posture is not None and len(points) == len(own):
             result[finger.name] = ContactPostures(
                 finger=finger.name,
-                angles=frozen(np.array(contacts.posture[None, finger.dofs])),
-                points_l=frozen(np.array([points])),
+                angles=contacts.posture[None, finger.dofs],
+                points_l=np.array([points]),
                 method="closing",
             )
         else:
@@ -152,17 +162,17 @@ def _finger_postures(
     if planar is not None:
         angles, points = closed_form(hand, finger, planar, contacts, sampling)
     else:
-        angles, points = _numerical(hand, finger, contacts, sampling)
-    if not angles:
-        raise ContactNotReached(finger.name, _why(hand, finger, contacts))
-    inside = [bool(np.all((q >= lower - _LIMIT_SLACK) & (q <= upper + _LIMIT_SLACK))) for q in angles]
-    if not any(inside):
-        raise ContactNotReached(finger.name, _beyond_limits(finger, angles, lower, upper))
-    kept = [i for i, ok in enumerate(inside) if ok]
+        points_l = np.array([touching_point(hand, finger, contact) for contact in contacts])
+        angles = _numerical(hand, finger, contacts, points_l, sampling)
+        points = [points_l] * len(angles)
+    kept = [i for i, q in enumerate(angles) if np.all((q >= lower - _LIMIT_SLACK) & (q <= upper + _LIMIT_SLACK))]
+    if not kept:
+        why = _beyond_limits(finger, angles, lower, upper) if angles else _why(hand, finger, contacts)
+        raise ContactNotReached(finger.name, why)
     return ContactPostures(
         finger=finger.name,
-        angles=frozen(np.array([np.clip(angles[i], lower, upper) for i in kept])),
-        points_l=frozen(np.array([points[i] for i in kept])),
+        angles=np.array([np.clip(angles[i], lower, upper) for i in kept]),
+        points_l=np.array([points[i] for i in kept]),
         method="numerical" if planar is None else "closed form",
     )
 
@@ -205,25 +215,13 @@ def _why(hand: HandModel, finger: Finger, contacts: Sequence[Contact]) -> str:
     return f"{', '.join(parts)}; the finger is {1e3 * reach:.1f} mm long: {hint}"
 
 
-def _link_point(hand: HandModel, finger: Finger, contact: Contact) -> Array:
-    """The point (3,) of a contact's link that is to touch, in its joint's frame [m]; half-way where nothing says."""
-    if contact.point_l is not None:
-        return contact.point_l
-    i = finger.links.index(contact.link)
-    if contact.length is None:
-        return link_direction(hand, finger, i) * float(np.linalg.norm(link_vector(hand, finger, i)) / 2)
-    return link_direction(hand, finger, i) * contact.length
-
-
 def _numerical(
-    hand: HandModel, finger: Finger, contacts: Sequence[Contact], sampling: Sampling
-) -> tuple[list[Array], list[Array]]:
+    hand: HandModel, finger: Finger, contacts: Sequence[Contact], points_l: Array, sampling: Sampling
+) -> list[Array]:
     """Damped Newton iterations on all contact points from sampled starts, for fingers without the planar geometry.
 
-    Returns:
-        Joint angles (n_f,) and contact points (c, 3) in the links' frames of each solution.
+    ``points_l``: contact points (c, 3) in the links' frames. Returns the joint angles (n_f,) of each solution.
     """
-    points_l = np.array([_link_point(hand, finger, contact) for contact in contacts])
     spread, samples = sampling.spread, sampling.samples
     sampled = min(1, finger.n - 1)
     around = np.linspace(-spread, spread, samples) if spread is not None and samples > 1 else np.zeros(1)
@@ -235,7 +233,7 @@ def _numerical(
         found = _newton(hand, finger, contacts, points_l, np.clip(start, sampling.lower, sampling.upper))
         if found is not None and all(np.abs(found - other).max() > 1e-6 for other in angles):
             angles.append(found)
-    return angles, [points_l] * len(angles)
+    return angles
 
 
 def _newton(

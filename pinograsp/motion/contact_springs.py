@@ -134,10 +134,6 @@ class Contacts:
         """After the motions ``y`` (p,), where friction's springs were ``stretched`` (k, 4) at ``since`` (p,)."""
         return Now(self, self.known(since, stretched), y)
 
-    def capped(self, y: Array, since: Array, stretched: Array, normal: Array) -> Capped:
-        """As :meth:`at`, where friction is limited as by the normal forces ``normal`` (k,) [N], not by those there."""
-        return Capped(self, self.known(since, stretched), y, normal)
-
     def size(self, left: Array) -> float:
         """Of what is left (p,) [N]."""
         return float(np.abs(self.units * left).max()) if len(left) else 0.0

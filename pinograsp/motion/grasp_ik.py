@@ -18,7 +18,7 @@ from pinograsp.checks import array_of, brief, frozen
 from pinograsp.contacts import Contact, PenetrationProfile
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import Finger, HandModel
-from pinograsp.motion.chains import points_at
+from pinograsp.motion.approach import JointPath
 from pinograsp.spatial import Array, BoolArray, IntArray, skew
 
 # Damping sets in where the smallest singular value of a sub-manipulator's Jacobian [m] falls below this: one
@@ -31,13 +31,10 @@ _LIMIT_SLACK = 1e-9  # [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FingerMotion:
-    """Grasp phase of one finger.
+class FingerMotion(JointPath):
+    """Grasp phase of one finger's n_f joints.
 
     Attributes:
-        q: joint angles (m, n_f) [rad].
-        dq: joint rates (m, n_f) [rad/s].
-        ddq: joint accelerations (m, n_f) [rad/s^2].
         jacobians: contact Jacobians (m, c, 6, n_f), linear velocity of the contact point first, world axes.
         errors: distance of each contact point from its target (m, c) [m]; of a closed grasp what its surface misses of
             its depth.
@@ -48,9 +45,6 @@ class FingerMotion:
             paths.
     """
 
-    q: Array
-    dq: Array
-    ddq: Array
     jacobians: Array
     errors: Array
     slips: Array
@@ -60,55 +54,15 @@ class FingerMotion:
     __repr__ = brief()
 
 
-# Beside what moves where and when, two options, for the paper's own scheme.
-def press(
-    hand: HandModel,
-    finger: Finger,
-    contacts: Sequence[Contact],
-    start: ArrayLike,
-    points_l: Array,
-    profile: PenetrationProfile,
-    which: Sequence[int],
-    times: ArrayLike,
-    *,
-    feedback: bool = True,
-    euler: bool = False,
-) -> FingerMotion:
-    """Move a finger's contact points along their inward normals by ``profile``.
+class ContactPath:
+    """Where c contact points of a finger are to be at m times, how fast they are there and half-way to the next ones.
 
     Args:
-        hand: the hand.
-        finger: its finger that moves.
-        contacts: the finger's contacts, base to tip.
-        start: joint angles (n_f,) at impact [rad].
-        points_l: the contacts' points (c, 3) in the joints' frames [m].
+        contacts: the finger's, base to tip; their points move along their inward normals.
         profile: penetration; column ``which[i]`` belongs to contact i.
+        which: their numbers (c,).
         times: samples (m,) [s] from t_I to t_F, evenly spaced.
-        feedback: correct the position error (closed loop).
-        euler: the plain forward step of Eq. (18). ``feedback=False, euler=True`` is the paper's scheme, kept to show
-            its drift.
     """
-    path = _Path(contacts, profile, which, times)
-    starts = array_of("start", start, (finger.n,))[None]
-    return _pressed(hand, finger, contacts, starts, points_l[None], path, feedback=feedback, euler=euler)[0]
-
-
-def press_all(
-    hand: HandModel,
-    finger: Finger,
-    contacts: Sequence[Contact],
-    starts: Array,
-    points_l: Array,
-    profile: PenetrationProfile,
-    which: Sequence[int],
-    times: ArrayLike,
-) -> list[FingerMotion]:
-    """As :func:`press`, from all of the postures ``starts`` (s, n_f) with their points (s, c, 3) at once."""
-    return _pressed(hand, finger, contacts, starts, points_l, _Path(contacts, profile, which, times))
-
-
-class _Path:
-    """Where c contact points are to be at m times, how fast they are there and half-way to the next ones."""
 
     def __init__(
         self, contacts: Sequence[Contact], profile: PenetrationProfile, which: Sequence[int], times: ArrayLike
@@ -116,7 +70,7 @@ class _Path:
         t = array_of("times", times, (None,))
         if t.size < 3:
             raise InvalidInput(f"times: expected at least 3 samples, got {t.size}")
-        self.step = float(t[1] - t[0])
+        self.contacts, self.step = contacts, float(t[1] - t[0])
         normals = np.array([contact.normal_o for contact in contacts])
         origins = np.array([contact.point_o for contact in contacts])
         depth, rate, middle = (
@@ -128,20 +82,30 @@ class _Path:
         self.fastest = rate.max(axis=0)
 
 
-def _pressed(
+def press(
     hand: HandModel,
     finger: Finger,
-    contacts: Sequence[Contact],
+    path: ContactPath,
     starts: Array,
     points_l: Array,
-    path: _Path,
     *,
     feedback: bool = True,
     euler: bool = False,
 ) -> list[FingerMotion]:
-    """The motions from s postures: (s, n_f), contact points (s, c, 3)."""
-    chain, dt, q = _Chain(hand, finger, contacts, points_l), path.step, np.array(starts)
-    s, m, c, n = len(q), len(path.points), len(contacts), finger.n
+    """Move a finger's contact points along their path, from s postures at once.
+
+    Args:
+        hand: the hand.
+        finger: its finger that moves.
+        path: of its contact points.
+        starts: joint angles at impact (s, n_f) [rad].
+        points_l: the contacts' points (s, c, 3) in the joints' frames [m].
+        feedback: correct the position error (closed loop).
+        euler: the plain forward step of Eq. (18). ``feedback=False, euler=True`` is the paper's scheme, kept to show
+            its drift.
+    """
+    chain, dt, q = _Chain(hand, finger, path.contacts, points_l), path.step, np.array(starts)
+    s, m, c, n = len(q), len(path.points), len(path.contacts), finger.n
     out_q, out_dq = np.empty((s, m, n)), np.empty((s, m, n))
     jacobians, errors = np.empty((s, m, c, 6, n)), np.empty((s, m, c))
     limited = np.zeros((s, n), dtype=bool)
@@ -175,22 +139,6 @@ def _pressed(
         )
         for j in range(s)
     ]
-
-
-def points_along(
-    hand: HandModel,
-    finger: Finger,
-    contacts: Sequence[Contact],
-    points_l: Array,
-    q: Array,
-    posture: Array | None = None,
-) -> tuple[Array, Array]:
-    """A finger's contact points (m, c, 3) and their Jacobians (m, c, 6, n_f) at its joint positions ``q`` (m, n_f).
-
-    Linear velocity first, world axes. ``points_l`` (c, 3) in the joints' frames; ``posture`` (n,) of the other joints.
-    """
-    joints = [finger.joint_of(contact.link) for contact in contacts]
-    return points_at(hand, finger, joints, points_l, q, hand.resting if posture is None else posture)
 
 
 class _Chain:

@@ -20,30 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pinograsp.forces import ForceProblem
-from pinograsp.motion.contact_springs import TANGENTIAL, Capped, Contacts, Now, ObjectMotion, Servos, springs_of
+from pinograsp.motion.contact_springs import Capped, Contacts, Now, ObjectMotion, Servos, springs_of
+from pinograsp.motion.rounds import REST
 from pinograsp.spatial import Array
-
-__all__ = [
-    "TANGENTIAL",
-    "Capped",
-    "Contacts",
-    "LetGo",
-    "Now",
-    "Pressed",
-    "Servos",
-    "friction_built_up",
-    "let_go",
-]
-
-# Steps of the sliding between two known depths, and of the support as it fades: with more of either, normal forces at
-# rest change by less than 0.001 of themselves in nine of ten grasps (of 48), and by 0.006 and 0.009 at most.
-_PARTS, _STAGES = 2, 2
-_ROUNDS, _STEPS, _HALVINGS = 20, 30, 25  # in each: cones of other sizes, Newton steps to the least energy, and halvings
-# Newton steps with all that changes, the share of the imbalance that one may leave, and from which on the next one
-# needs a stiffness of its own.
-_FULL_STEPS, _LEFT, _QUICK = 10, 0.5, 0.1
-_BALANCED = 1e-6  # share of the forces
-_NEARLY = 1e-2  # share of them that a rest may leave
 
 
 class Pressed(NamedTuple):
@@ -95,9 +74,9 @@ def friction_built_up(
     before = given
     for i in range(1, len(depths)):
         held = Contacts(problem, depths[i], servos=None if servos is None else servos[i], free=False)
-        for part in np.arange(1, _PARTS + 1) / _PARTS:
+        for part in np.arange(1, REST.parts + 1) / REST.parts:
             deep = depths[i - 1] + part * (depths[i] - depths[i - 1])
-            known = held.known(given, stretched + (slid[i] - slid[i - 1]) / _PARTS, deep)
+            known = held.known(given, stretched + (slid[i] - slid[i - 1]) / REST.parts, deep)
             if servos is None:
                 now = Now(held, known, given)
             else:
@@ -126,14 +105,14 @@ def let_go(
     now = contacts.at(y, y, stretched)
     before = y
     support = np.concatenate([-(now.left + pull)[:6], np.zeros(len(pressed.given))])
-    for stage in range(1, _STAGES + 1):
+    for stage in range(1, REST.stages + 1):
         # Forces that do not balance the moments let the object turn far, and there is more than one rest.
         ahead = now.y + (now.y - before) if problem.balance == "wrench" else None
         before = now.y
         known = contacts.known(before, stretched)
-        now = _rest(contacts, pull + support * (1 - stage / _STAGES), known, before, ahead)
+        now = _rest(contacts, pull + support * (1 - stage / REST.stages), known, before, ahead)
         stretched = now.stretched
-    balanced = contacts.size(now.left + pull) < _NEARLY * float(now.normal.sum())
+    balanced = contacts.size(now.left + pull) < REST.nearly * float(now.normal.sum())
     stiffness, gripping = now.stiffness[:6, :6], now.gripping[:6, :6]
     return LetGo(now.y[:6], now.normal, now.friction, stiffness, gripping, contacts.response(now), balanced)
 
@@ -144,17 +123,17 @@ def _rest(contacts: Contacts, pull: Array, known: Array, since: Array, ahead: Ar
     ``known``: z_0 (k, r) of the contacts; ``ahead``: motions (p,) where the balance may be, None: far away.
     """
     now = Now(contacts, known, since if ahead is None else ahead)
-    enough = _BALANCED * max(float(now.normal.sum()), _BALANCED)
+    enough = REST.balanced * max(float(now.normal.sum()), REST.balanced)
     if ahead is not None:
         # Newton's method mostly leads there at once.
-        now, balanced = _balanced(contacts, pull, now, known, enough)
+        now, balanced = _find_balance(contacts, pull, now, known, enough)
         if balanced:
             return now
         now = Now(contacts, known, since)
-    for _ in range(_ROUNDS):
+    for _ in range(REST.rounds):
         # As if normal forces gave the cones their size, but no more: a convex energy, whose least is always found.
         y = _least_energy(contacts, pull, now.y, known, now.normal, enough)
-        now, balanced = _balanced(contacts, pull, Now(contacts, known, y), known, enough)
+        now, balanced = _find_balance(contacts, pull, Now(contacts, known, y), known, enough)
         if balanced:
             break
     return now
@@ -163,12 +142,12 @@ def _rest(contacts: Contacts, pull: Array, known: Array, since: Array, ahead: Ar
 def _least_energy(contacts: Contacts, pull: Array, y: Array, known: Array, normal: Array, enough: float) -> Array:
     """The motions (p,) of least energy, from ``y``, with the cones of the forces ``normal`` (k,) [N]."""
     now = Capped(contacts, known, y, normal)
-    for _ in range(_STEPS):
+    for _ in range(REST.steps):
         left = now.left + pull
         if contacts.size(left) < enough:
             break
         step, share, energy = contacts.least_motion(now.stiffness, left), 1.0, now.energy
-        for _ in range(_HALVINGS):
+        for _ in range(REST.halvings):
             tried = Capped(contacts, known, now.y + share * step, normal)
             if tried.energy - energy - share * (pull @ step) <= -1e-4 * share * (left @ step):
                 break
@@ -179,14 +158,14 @@ def _least_energy(contacts: Contacts, pull: Array, y: Array, known: Array, norma
     return now.y
 
 
-def _balanced(contacts: Contacts, pull: Array, now: Now, known: Array, enough: float) -> tuple[Now, bool]:
+def _find_balance(contacts: Contacts, pull: Array, now: Now, known: Array, enough: float) -> tuple[Now, bool]:
     """Newton's method for the balance, as long as it leads there; with the last stiffness, as long as that is quick.
 
     Returns where it led, and whether that is in balance.
     """
     left, step = now.left + pull, None
     off = contacts.size(left)
-    for _ in range(_FULL_STEPS):
+    for _ in range(REST.full_steps):
         if off < enough:
             break
         new = step is None
@@ -194,10 +173,10 @@ def _balanced(contacts: Contacts, pull: Array, now: Now, known: Array, enough: f
         tried = Now(contacts, known, now.y + step(left))
         tried_left = tried.left + pull
         size = contacts.size(tried_left)
-        if size > _LEFT * off and new:
+        if size > REST.left * off and new:
             break
-        if size > _QUICK * off:
+        if size > REST.quick * off:
             step = None
-        if size <= _LEFT * off:
+        if size <= REST.left * off:
             now, left, off = tried, tried_left, size
     return now, off < enough

@@ -275,3 +275,12 @@ def link_direction(hand: HandModel, finger: Finger, i: int) -> Array:
         )
     direction: Array = along / length
     return direction
+
+
+def touching_point(hand: HandModel, finger: Finger, contact: Contact) -> Array:
+    """The point (3,) of a contact's link that is to touch, in its joint's frame [m]; half-way where nothing says."""
+    if contact.point_l is not None:
+        return contact.point_l
+    i = finger.links.index(contact.link)
+    length = float(np.linalg.norm(link_vector(hand, finger, i)) / 2) if contact.length is None else contact.length
+    return link_direction(hand, finger, i) * length

@@ -60,23 +60,9 @@ def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> Pr
     arms = np.array([contact.point_o for contact in contacts]) - contacts.com_o
     shifts = np.column_stack([normals, np.cross(arms, normals)])
     arm = max(HARDLY, float(np.sqrt((arms**2).sum(axis=1).mean())))
-    turned = shifts / (SHIFTS * np.repeat([1.0, arm], 3))
-    return PressingTogether(moves=moves, shifts=shifts, rows=_left_null(np.column_stack([_scaled(moves), turned])))
-
-
-def _left_null(columns: Array) -> Array:
-    """An orthonormal basis (p, k) of the rows along which columns (k, m) have no singular value above 1."""
+    # Unit columns of the joints, whose units do not matter; 0 for those that hardly move a contact.
+    sizes = np.linalg.norm(moves, axis=0)
+    scaled = moves * np.where(sizes > HARDLY, 1.0 / np.maximum(sizes, HARDLY), 0.0) / JOINTS
+    columns = np.column_stack([scaled, shifts / (SHIFTS * np.repeat([1.0, arm], 3))])
     U, sigma, _ = np.linalg.svd(columns, full_matrices=True)
-    rank = int(np.sum(sigma > 1.0))
-    return np.asarray(U[:, rank:].T, dtype=float)
-
-
-def _scaled(moves: Array) -> Array:
-    """The joints' columns (k, n), so that their singular values count from 1 on; their units do not matter."""
-    return moves * _lengths(moves) / JOINTS
-
-
-def _lengths(columns: Array) -> Array:
-    """Factors that make columns unit vectors; 0 for those that hardly move a contact."""
-    sizes = np.linalg.norm(columns, axis=0)
-    return np.where(sizes > HARDLY, 1.0 / np.maximum(sizes, HARDLY), 0.0)
+    return PressingTogether(moves=moves, shifts=shifts, rows=np.asarray(U[:, int(np.sum(sigma > 1.0)) :].T))

@@ -6,41 +6,42 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import brief, flag, frozen, instance_of, integer, mapping_of, number, one_of
-from pinograsp.contacts import PALM, Contact, ContactSet, PenetrationProfile
-from pinograsp.contacts.clearance import Way
-from pinograsp.contacts.self_collision import SelfCollisions
-from pinograsp.contacts.support_plane import SupportPlane, deepest_below
+from pinograsp.checks import array_of, brief, flag, frozen, instance_of, integer, mapping_of, number, one_of
+from pinograsp.contacts import PALM, PenetrationProfile
+from pinograsp.contacts.support_plane import SupportPlane
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceSolution, RobustForces
 from pinograsp.hands import Finger, HandModel, servo_gains
-from pinograsp.motion.approach import STARTS, JointPath, StartAcceleration, approach, gentle_approach
-from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, contact_postures, moving_groups
-from pinograsp.motion.grasp_ik import FingerMotion, press_all
+from pinograsp.motion.approach import (
+    LAST_PARTS,
+    ORDERS,
+    STARTS,
+    JointPath,
+    Order,
+    StartAcceleration,
+    approach,
+    gentle_approach,
+    take_turns,
+)
+from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, find_postures, moving_groups
+from pinograsp.motion.grasp_ik import ContactPath, FingerMotion, press
 from pinograsp.motion.jacobian import contact_jacobian
-from pinograsp.motion.surfaces import TRACKED, ClosedPress, off_path, press_closed, press_surfaces, pressing_along
+from pinograsp.motion.obstacles import Obstacles
+from pinograsp.motion.press_solver import TRACKED
+from pinograsp.motion.remedies import explain_miss, find_outside_limits, name_displacement, name_limit, note_rest
+from pinograsp.motion.surfaces import ClosedPress, follow_press, off_path, press_closed, press_surfaces
 from pinograsp.motion.torques import beyond_limits, contact_torques, finger_dynamics, inverse_dynamics
 from pinograsp.plan import Motion
 from pinograsp.spatial import Array, BoolArray
 
-_HARDLY = 1e-4  # [m] per radian: joints that move contacts less than this do not move them
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
-_SHIFTED = 1e-4  # [m] of the object as it is let go: worth a note
-_ANOTHER_FORCE = 0.1  # share of a force by which it may come otherwise without a note
-Order = Literal["together", "base first", "tip first"]
-_ORDERS: tuple[Order, ...] = get_args(Order)
-_TURNS = 0.6  # share of the way after which the last joint starts, where they take turns
-# Shares of the approach in which joints come up to speed; the shorter, the nearer to the contact they start to.
-_LAST_PARTS = (0.1, 0.03, 0.01)
-_HIT = 1e-4  # [m] that links may go into the object on the way: 0.05 N on contacts of the default stiffness
-_LOOKS, _EVERY = 28, 4  # samples of the way that are looked at for hits, and every which for links hitting each other
 _MOST_TIMES = 200_000  # steps of a motion
 
 
@@ -108,12 +109,16 @@ def plan_motion(
     spec = MotionSpec() if spec is None else instance_of("spec", spec, MotionSpec)
     if isinstance(solution, RobustForces):
         solution = solution.under()
-    instance_of("solution", solution, ForceSolution)
-    contacts = solution.problem.contacts
-    postures = contact_postures(
-        hand, contacts, reference=_of_touching(contacts, spec.posture), spread=spec.spread, samples=spec.samples
-    )
-    planning = _Planning(hand, solution, spec, flag("corrected", corrected))
+    contacts = instance_of("solution", solution, ForceSolution).problem.contacts
+    flag("corrected", corrected)
+    touching = {contact.finger for contact in contacts if contact.finger != PALM}
+    near = {
+        name: array_of(f"posture of '{name}'", angles, (hand.finger(name).n,))
+        for name, angles in (spec.posture or {}).items()
+        if name in touching
+    }
+    postures = find_postures(hand, contacts, near, spec.spread, spec.samples)
+    planning = _Planning(hand, solution, spec, corrected)
     groups = moving_groups(hand, contacts)
     for finger, which in groups:
         planning.move(finger, which, postures[finger.name])
@@ -122,11 +127,6 @@ def plan_motion(
     planning.load_others(busy)
     planning.keep_clear()
     return planning.result({name: len(found.angles) for name, found in postures.items()})
-
-
-def _of_touching(contacts: ContactSet, posture: Mapping[str, ArrayLike] | None) -> dict[str, ArrayLike]:
-    touching = {contact.finger for contact in contacts if contact.finger != PALM}
-    return {name: angles for name, angles in (posture or {}).items() if name in touching}
 
 
 class Gentle(NamedTuple):
@@ -158,51 +158,23 @@ class _Planning:
         self.closing: list[Finger] = []
         self.pressed: ClosedPress | None = None
         if self.problem.contacts.posture is not None:
-            self.pressed = self.closed(solution, self.problem.contacts.posture, corrected)
-            self.pressing = pressing_along(self.pressed, self.profile, self.after)
+            posture, gains = self.problem.contacts.posture, servo_gains(hand)
+            self.pressed = press_closed(hand, solution, posture, gains, corrected=corrected)
+            self.notes += note_rest(self.problem, self.profile.final_depth, self.pressed.rest)
+            self.phase = follow_press(self.pressed, self.profile, self.after)
             self.gentle = self.gentle_path()
-
-    def closed(self, solution: ForceSolution, q: Array, corrected: bool) -> ClosedPress:
-        """How all joints of the hand that is closed at ``q`` (n,) press, and the object gives way when it is let go."""
-        pressed = press_closed(self.hand, solution, q, servo_gains(self.hand), corrected=corrected)
-        planned, rest = self.problem.compliance.normal_force(self.profile.final_depth), pressed.rest.normal
-        if not pressed.rest.balanced:
-            self.notes.append(
-                "where the object comes to rest as it is let go could not be foreseen, since friction is nearly used "
-                "up then: simulate the plan"
-            )
-            return pressed
-        size = float(np.linalg.norm(pressed.rest.shift[:3]))
-        if size > _SHIFTED:
-            self.notes.append(
-                f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the joints make up for it"
-            )
-        others = [
-            f"{name} {force:.2g} N (planned {asked:.2g} N)"
-            for name, force, asked in zip(self.problem.contacts.names, rest, planned)
-            if abs(force - asked) > _ANOTHER_FORCE * asked
-        ]
-        if others:
-            self.notes.append(
-                f"friction that builds up while the hand presses leaves other forces: {', '.join(others)}"
-            )
-        return pressed
-
-    def settled(self, planned: Array) -> Array:
-        """Normal forces (k,) [N] once the object is let go, as far as they are foreseen; else the planned ones."""
-        return planned if self.pressed is None or not self.pressed.rest.balanced else self.pressed.rest.normal
 
     def move(self, finger: Finger, which: Sequence[int], found: ContactPostures) -> None:
         """Move a finger, from its best posture ``found``, as its contacts ``which`` ask for."""
         hand, contacts, start = self.hand, self.problem.contacts, self.start[finger.dofs]
         if found.method == "closing" and self.pressed is not None:
-            candidates = [press_surfaces(hand, finger, contacts, which, found, self.pressing, self.profile)]
+            candidates = [press_surfaces(hand, finger, contacts, which, found, self.phase, self.profile)]
             paths = [self.gentle.path.of(finger.dofs)]
             self.note_jumps(finger, self.gentle.jumps)
             self.closing.append(finger)
         else:
-            own = [contacts[i] for i in which]
-            candidates = press_all(hand, finger, own, found.angles, found.points_l, self.profile, which, self.after)
+            wanted = ContactPath([contacts[i] for i in which], self.profile, which, self.after)
+            candidates = press(hand, finger, wanted, found.angles, found.points_l)
             paths = [self.with_approach(motion, start) for motion in candidates]
         torques = [contact_torques(motion.jacobians, self.wrenches_o[:, which]) for motion in candidates]
         chosen = self.choose(finger, candidates, paths, torques)
@@ -218,30 +190,19 @@ class _Planning:
         body = self.problem.object
         if not self.closing or body is None:
             return
-        way_there, collisions = Way(self.hand, body), SelfCollisions(self.hand)
+        obstacles = Obstacles(self.hand, body, self.spec.table)
         tried: list[tuple[float, str, JointPath]] = []
         gentle = self.gentle
-        for last_part, order in itertools.product(_LAST_PARTS, _ORDERS):
-            # Some samples are enough: the way is smooth, and ends where the last part begins.
-            looked_at = np.unique(np.linspace(0, (1 - last_part) * self.impact, _LOOKS).astype(int))
+        for last_part, order in itertools.product(LAST_PARTS, ORDERS):
             if tried:  # at first they follow theirs already
                 gentle = self.gentle_path(order, last_part)
                 self.follow_all(gentle.path)
                 for finger in self.closing:
                     self.note_jumps(finger, gentle.jumps)
-            way = self.path.q[looked_at]
-            what, hit = "the object", way_there.deepest_hit(way, allowed=_HIT)
-            if hit is None and self.spec.table is not None:
-                what, hit = "the table", deepest_below(self.hand, self.spec.table, np.vstack([way, self.path.q[-1:]]))
-            if hit is None:
-                crossing = collisions.after(way[0], way[1::_EVERY])
-                if not crossing:
-                    return
-                tried.append((0.0, f"{' and '.join(crossing[0])} hit each other on the way", gentle.path))
-            else:
-                time = self.times[[*looked_at, -1][hit.sample]]
-                where = f"{hit.link} hits {what} on the way, at {time:.2g} s, {1e3 * hit.depth:.2g} mm deep"
-                tried.append((hit.depth, where, gentle.path))
+            met = obstacles.meet(self.path.q, self.times, (1 - last_part) * self.impact)  # up to the last part
+            if met is None:
+                return
+            tried.append((met.depth, met.text, gentle.path))
         _, why, path = min(tried, key=lambda one: one[0])
         self.follow_all(path)
         self.clear = False
@@ -264,11 +225,12 @@ class _Planning:
             finger = self.hand.finger(name)
             if busy.intersection(finger.dofs.tolist()):
                 continue
-            zero = np.zeros(finger.n)
-            goal = self.hand.configuration({name: angles})[finger.dofs]
-            self.follow(
-                finger, approach(self.times, self.profile.final_time, self.start[finger.dofs], goal, zero, zero)
+            start, goal, zero = (
+                self.start[finger.dofs],
+                self.hand.configuration({name: angles})[finger.dofs],
+                np.zeros(finger.n),
             )
+            self.follow(finger, approach(self.times, self.profile.final_time, start, (goal, zero, zero)))
 
     def load_others(self, busy: set[int]) -> None:
         """Contact torques of the joints that carry touching fingers without being theirs: of a wrist or an arm.
@@ -288,35 +250,24 @@ class _Planning:
 
     def with_approach(self, motion: FingerMotion, start: Array) -> JointPath:
         """The path of one finger over both phases."""
-        rise = approach(
-            self.before,
-            self.before[-1],
-            start,
-            motion.q[0],
-            motion.dq[0],
-            motion.ddq[0],
-            acceleration_at_start=self.spec.acceleration_at_start,
+        kind = self.spec.acceleration_at_start
+        return motion.come_after(
+            approach(self.before, self.before[-1], start, motion.start, acceleration_at_start=kind)
         )
-        return _joined(rise, motion)
 
-    def gentle_path(self, order: Order = "together", last_part: float = _LAST_PARTS[0]) -> Gentle:
+    def gentle_path(self, order: Order = "together", last_part: float = LAST_PARTS[0]) -> Gentle:
         """The path of a closing hand over both phases, the joints of a finger moving together or in turn."""
-        motion, begin = self.pressing.path, np.zeros(self.hand.n)
-        if order != "together":
-            for finger in self.closing:
-                begin[finger.dofs] = np.linspace(0, _TURNS, finger.n)[:: 1 if order == "base first" else -1]
+        motion, hand = self.phase.path, self.hand
         rise, jumps = gentle_approach(
             self.before,
             self.before[-1],
             self.start,
-            motion.q[0],
-            motion.dq[0],
-            motion.ddq[0],
-            limits=(self.hand.lower, self.hand.upper),
-            windows=np.column_stack([begin, begin + (1.0 if order == "together" else 1 - _TURNS)]),
+            motion.start,
+            limits=(hand.lower, hand.upper),
+            windows=take_turns([finger.dofs for finger in self.closing], hand.n, order),
             last_part=last_part,
         )
-        return Gentle(_joined(rise, motion), jumps)
+        return Gentle(motion.come_after(rise), jumps)
 
     def note_jumps(self, finger: Finger, jumps: BoolArray) -> None:
         """Note which of a finger's joints are among those (n,) that jump into their motion."""
@@ -337,7 +288,8 @@ class _Planning:
             return 0
         faults = np.array(
             [
-                int(motion.errors.max() > TRACKED) + bool(motion.limited or _outside_limits(self.hand, finger, path.q))
+                int(motion.errors.max() > TRACKED)
+                + bool(motion.limited or find_outside_limits(self.hand, finger, path.q))
                 for motion, path in zip(candidates, paths)
             ]
         )
@@ -357,9 +309,11 @@ class _Planning:
     def judge(self, finger: Finger, which: Sequence[int], motion: FingerMotion, path: JointPath, closed: bool) -> None:
         """Note what keeps a finger off its path or takes it beyond its limits, and what helps."""
         hand = self.hand
-        outside = [(joint, _displacement(hand, joint, by)) for joint, by in _outside_limits(hand, finger, path.q)]
+        outside = [
+            (joint, name_displacement(hand, joint, by)) for joint, by in find_outside_limits(hand, finger, path.q)
+        ]
         stopped = [
-            f"{joint} was stopped by its limit at {_limit_met(hand, joint, motion.q[-1, i])} in the grasp phase"
+            f"{joint} was stopped by its limit at {name_limit(hand, joint, motion.q[-1, i])} in the grasp phase"
             for i, joint in enumerate(finger.actuated)
             if joint in motion.limited
         ]
@@ -370,7 +324,7 @@ class _Planning:
             own = [self.problem.contacts[i] for i in which]
 
             step = float(self.after[1] - self.after[0])
-            self.remedies.append(_why_off_path(finger, own, motion, stopped, closed, step))
+            self.remedies.append(explain_miss(finger, own, motion, stopped, closed, step))
         elif stopped and not closed:
             self.within_limits = False
             self.remedies.append(f"{'; '.join(stopped)}: widen the limit, or take another contact posture")
@@ -390,7 +344,9 @@ class _Planning:
         total = inverse_dynamics(hand, *moving, gravity_o=gravity_o)
         total, holding = total[:-1] + self.contact_torques, total[-1] + self.contact_torques[-1]
         self.notes += beyond_limits(hand, np.vstack([total, holding])).values()
-        planned = self.problem.compliance.normal_force(self.profile.final_depth)
+        settled = self.problem.compliance.normal_force(self.profile.final_depth)
+        if self.pressed is not None and self.pressed.rest.balanced:
+            settled = self.pressed.rest.normal
         status = Status.OK if self.clear else Status.EARLY_CONTACT
         status = status if self.within_limits else Status.JOINT_LIMIT
         return Motion(
@@ -403,7 +359,7 @@ class _Planning:
             ddq=frozen(path.ddq),
             torques=frozen(total),
             holding_torques=frozen(holding),
-            settled_forces=frozen(np.array(self.settled(planned))),
+            settled_forces=frozen(np.array(settled)),
             forces_o=frozen(np.concatenate([np.zeros((self.impact, self.problem.k, 3)), self.forces_o])),
             contact_velocities=frozen(self.velocities),
             tracking_error=frozen(self.tracking),
@@ -412,15 +368,6 @@ class _Planning:
             peak_torque=float(np.abs(total).max()),
             remedy=". ".join(self.remedies),
         )
-
-
-def _joined(rise: JointPath, motion: JointPath | FingerMotion) -> JointPath:
-    """Approach and grasp phase; the sample at t_I is the grasp phase's."""
-    return JointPath(
-        q=np.concatenate([rise.q[:-1], motion.q]),
-        dq=np.concatenate([rise.dq[:-1], motion.dq]),
-        ddq=np.concatenate([rise.ddq[:-1], motion.ddq]),
-    )
 
 
 def _sample_times(profile: PenetrationProfile, time_step: float) -> tuple[Array, Array]:
@@ -445,55 +392,3 @@ def _contact_wrenches(solution: ForceSolution, times: Array) -> tuple[Array, Arr
     per_newton = solution.torsion / solution.normal_forces if solution.torsion.size else np.zeros(problem.k)
     moments_o = (normal * per_newton)[:, :, None] * rotations[:, :, 2]
     return forces_o, np.concatenate([forces_o, moments_o], axis=2)
-
-
-def _why_off_path(
-    finger: Finger,
-    contacts: Sequence[Contact],
-    motion: FingerMotion,
-    stopped: Sequence[str],
-    closed: bool,
-    step: float,
-) -> str:
-    """What keeps contact points from their paths, and what helps."""
-    missed = f"{finger.name} misses its path by {1e3 * motion.errors.max():.2g} mm"
-    if stopped:
-        return f"{missed}: {'; '.join(stopped)}: widen the limit, or take another contact posture"
-    J = motion.jacobians[0][:, :3]
-    # A closed finger follows the depths before anything else.
-    rows = np.einsum("cx,cxn->cn", [one.normal_o for one in contacts], J) if closed else J.reshape(-1, J.shape[2])
-    asked, ways = len(rows), int(np.sum(np.linalg.svd(rows, compute_uv=False) > _HARDLY))
-    moves = f"{missed}: its contacts ask for {asked} {'depths' if closed else 'displacements'} of their own"
-    if finger.n < asked:
-        coupled = f" (the others of its {len(finger.joints)} follow)" if finger.coupled else ""
-        return (
-            f"{moves}, and it has no more actuated joints than {', '.join(finger.actuated)}{coupled}: the motion is "
-            "the closest there is; for more, plan fewer contacts on it, or forces that press them alike"
-        )
-    if ways < asked:
-        return f"{moves}, and its joints, as they stand at impact, can give {ways}: take another contact posture"
-    if motion.surfaces:
-        return (
-            f"{missed}: an edge or another place of its link is in the way: place the hand otherwise, or press less "
-            "deep (max_depth)"
-        )
-    return f"{missed}: its joints could follow: use a smaller time step than {step:g} s"
-
-
-def _limit_met(hand: HandModel, joint: str, value: float) -> str:
-    """The limit of a joint that is nearest to a position, with its unit."""
-    at = hand.joint_names.index(joint)
-    limits = (float(hand.lower[at]), float(hand.upper[at]))
-    return _displacement(hand, joint, min(limits, key=lambda limit: abs(limit - value)))
-
-
-def _displacement(hand: HandModel, joint: str, value: float) -> str:
-    """A joint's displacement with its unit."""
-    slides = hand.is_prismatic(hand.model.getJointId(joint))
-    return f"{1e3 * value:.2f} mm" if slides else f"{math.degrees(value):.2f} deg"
-
-
-def _outside_limits(hand: HandModel, finger: Finger, q: Array) -> list[tuple[str, float]]:
-    """Joints of the finger that leave their limits along q (m, n_f), and by how much [rad]."""
-    beyond = np.maximum(hand.lower[finger.dofs] - q, q - hand.upper[finger.dofs]).max(axis=0)
-    return [(joint, float(by)) for joint, by in zip(finger.actuated, beyond) if by > 1e-6]

@@ -31,7 +31,7 @@ def test_gentle_approaches_stay_within_the_limits(begin, end, rates, last):
     # Near a limit that it leaves, a joint turns within a fraction of a millisecond.
     times = np.concatenate([np.linspace(0, 0.899, 2_000, endpoint=False), np.linspace(0.899, 0.9, 2_001)])
     path, jumps = gentle_approach(
-        times, 0.9, start, q, dq, ddq, limits=(LOW, HIGH), windows=[[0, 1], [0, 0.4], [0.6, 1]], last_part=last
+        times, 0.9, start, (q, dq, ddq), limits=(LOW, HIGH), windows=[[0, 1], [0, 0.4], [0.6, 1]], last_part=last
     )
     assert np.all(path.q >= LOW - 1e-12) and np.all(path.q <= HIGH + 1e-12)
     assert path.q[0] == pytest.approx(start) and path.q[-1] == pytest.approx(q)

@@ -15,8 +15,9 @@ from pinograsp.contacts import PALM
 from pinograsp.errors import Status
 from pinograsp.forces import ForceProblem
 from pinograsp.hands import servo_gains
-from pinograsp.motion import letting_go, surfaces
-from pinograsp.motion.letting_go import TANGENTIAL, Pressed, Servos, friction_built_up, let_go
+from pinograsp.motion import surfaces
+from pinograsp.motion.contact_springs import TANGENTIAL, Capped, Contacts, Servos
+from pinograsp.motion.letting_go import Pressed, friction_built_up, let_go
 from pinograsp.planner import plan_best
 
 MU, WEIGHT = 0.5, 2.0
@@ -107,7 +108,7 @@ def test_at_rest_the_contacts_balance_the_load_within_their_cones(seed, family):
 
 def test_its_stiffness_is_the_slope_of_the_wrench():
     problem, rng = pinched(torsion=0.01), np.random.default_rng(4)
-    contacts = letting_go.Contacts(problem, problem.compliance.depth(np.array([4.0, 5.0])), servos=servos_of(rng, 3))
+    contacts = Contacts(problem, problem.compliance.depth(np.array([4.0, 5.0])), servos=servos_of(rng, 3))
     stretched = np.array([[0.0, 3e-4, 1e-4, 0.05], [0.0, 1e-5, 0.0, 1e-4]])  # the first one slips, the second sticks
     shift, since = 1e-6 * rng.normal(size=9), np.zeros(9)
     now = contacts.at(shift, since, stretched)
@@ -120,12 +121,12 @@ def test_its_stiffness_is_the_slope_of_the_wrench():
 def test_the_energy_falls_along_what_is_left():
     """Of contacts with fixed limits of friction, what is left is the slope of the energy, and stiffness its own."""
     problem, rng = pinched(torsion=0.01), np.random.default_rng(5)
-    contacts = letting_go.Contacts(problem, problem.compliance.depth(np.array([4.0, 5.0])), servos=servos_of(rng, 3))
+    contacts = Contacts(problem, problem.compliance.depth(np.array([4.0, 5.0])), servos=servos_of(rng, 3))
     stretched, normal = np.array([[0.0, 3e-4, 1e-4, 0.05], [0.0, 1e-5, 0.0, 1e-4]]), np.array([3.0, 6.0])
     y, since, step = 1e-6 * rng.normal(size=9), np.zeros(9), 1e-7
 
-    def beside(way: float, e: np.ndarray) -> letting_go.Capped:
-        return contacts.capped(y + way * e, since, stretched, normal)
+    def beside(way: float, e: np.ndarray) -> Capped:
+        return Capped(contacts, contacts.known(since, stretched), y + way * e, normal)
 
     slope = [(beside(step, e).energy - beside(-step, e).energy) / (2 * step) for e in np.eye(9)]
     assert beside(0, np.eye(9)[0]).left == pytest.approx(-np.array(slope), rel=1e-5, abs=1e-6)

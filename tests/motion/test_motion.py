@@ -16,7 +16,7 @@ from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import file_of
 from pinograsp.motion import MotionSpec, contact_postures, plan_motion, preload_slope
 from pinograsp.motion.approach import approach
-from pinograsp.motion.grasp_ik import press
+from pinograsp.motion.grasp_ik import ContactPath, press
 from pinograsp.motion.jacobian import point_jacobian
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
 from pinograsp.objects import Sphere
@@ -220,9 +220,8 @@ def press_finger(hand, contact_set, finger, angles, links, depths=(2e-3,), **opt
     profile = PenetrationProfile(acceleration=[2 * d / 0.01 for d in depths], impact_time=0.9, final_time=1.0)
     times = np.linspace(0.9, 1.0, 101)
     contacts = contact_set(rows)
-    motion = press(
-        hand, chain, list(contacts), angles, np.array(points_l), profile, list(range(len(links))), times, **options
-    )
+    path = ContactPath(list(contacts), profile, list(range(len(links))), times)
+    (motion,) = press(hand, chain, path, angles[None], np.array([points_l]), **options)
     return motion, contacts, profile, times, data
 
 
@@ -284,15 +283,16 @@ def test_near_a_singular_posture_rates_stay_bounded(hand, contact_set):
         [("index", chain.links[3], placement[:3, :3] @ local + placement[:3, 3], placement[:3, 0], 0.02)]
     )
     profile = PenetrationProfile(acceleration=[0.2], impact_time=0.9, final_time=1.0)
-    motion = press(straight, chain, list(contacts), angles, local[None], profile, [0], np.linspace(0.9, 1.0, 101))
+    path = ContactPath(list(contacts), profile, [0], np.linspace(0.9, 1.0, 101))
+    (motion,) = press(straight, chain, path, angles[None], local[None, None])
     assert np.all(np.isfinite(motion.q)) and np.abs(motion.dq).max() < 200
 
 
-def test_press_needs_samples(hand, contact_set):
+def test_press_needs_samples(contact_set):
     contacts = contact_set([("index", "index_distal", [0, 0, 0], [0, 0, 1.0], 0.02)])
     profile = PenetrationProfile(acceleration=[0.2], impact_time=0.9, final_time=1.0)
     with pytest.raises(InvalidInput, match="at least 3"):
-        press(hand, hand.finger("index"), list(contacts), np.zeros(4), np.zeros((1, 3)), profile, [0], [0.9, 1.0])
+        ContactPath(list(contacts), profile, [0], [0.9, 1.0])
 
 
 # -- approach ----------------------------------------------------------------------------------------------------------
@@ -305,7 +305,7 @@ def test_approach_meets_its_boundary_conditions(start, first):
     q0, q, dq, ddq = rng.normal(size=(4, 5))
     T = 0.9
     times = np.linspace(0, T, 4001)
-    path = approach(times, T, q0, q, dq, ddq, acceleration_at_start=start)
+    path = approach(times, T, q0, (q, dq, ddq), acceleration_at_start=start)
     p, v, a = path.q, path.dq, path.ddq
     for got, wanted in ((p[0], q0), (v[0], 0 * dq), (a[0], first * ddq), (p[-1], q), (v[-1], dq), (a[-1], ddq)):
         assert np.abs(got - wanted).max() < 1e-10
@@ -313,7 +313,7 @@ def test_approach_meets_its_boundary_conditions(start, first):
     assert np.abs(np.gradient(v, times, axis=0)[1:-1] - a[1:-1]).max() < 1e-3
     assert np.abs(np.diff(p, n=6, axis=0)).max() < 1e-10  # a polynomial of fifth order
     with pytest.raises(InvalidInput, match="acceleration at start"):
-        approach(times, T, q0, q, dq, ddq, acceleration_at_start="jump")
+        approach(times, T, q0, (q, dq, ddq), acceleration_at_start="jump")
 
 
 # -- torques -----------------------------------------------------------------------------------------------------------
