@@ -25,7 +25,7 @@ from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord
-from pinograsp.simulation.scene import COUPLED_STEPS, compiled, outline
+from pinograsp.simulation.scene import COUPLED_STEPS, compile_model, outline
 from pinograsp.simulation.settings import Servo
 from pinograsp.simulation.verdict import MOVED, TURNED
 from pinograsp.spatial import Array
@@ -123,7 +123,7 @@ def write_scene(
     servos = _finish(spec, hand, plan, kp)
     if command != "torque":
         notes += _set_step(spec, hand, joints, servos)
-    model = compiled(spec)
+    model = compile_model(spec)
 
     extra = joints.times[-1] + np.arange(1, round(hold / step) + 1) * step
     times = np.concatenate([joints.times, extra])
@@ -237,7 +237,7 @@ def _set_step(spec: mujoco.MjSpec, hand: HandModel, joints: JointTrajectory, ser
     A step h of semi-implicit Euler is stable while h d + h^2 k / 2 < 2, d and k being damping and stiffness per
     inertia; where damping is implicit, it adds to the inertia instead.
     """
-    model, every = compiled(spec), joints.with_followers()
+    model, every = compile_model(spec), joints.with_followers()
     data, arms = mujoco.MjData(model), hand.transmission
     for name, value in zip(every.names, every.q[-1]):
         data.qpos[model.joint(name).qposadr[0]] = value
@@ -282,7 +282,7 @@ def _set_step(spec: mujoco.MjSpec, hand: HandModel, joints: JointTrajectory, ser
 
 def _finish(spec: mujoco.MjSpec, hand: HandModel, plan: PlanRecord, kp: Array) -> _Servos:
     """Set what follows from the compiled model: stiffness of the contacts, damping of the servos (m,)."""
-    model = compiled(spec)
+    model = compile_model(spec)
     _set_contacts(spec, hand, plan, model)
     damping = -model.actuator_biasprm[: kp.size, 2]
     for actuator, kd in zip(list(spec.actuators), damping):

@@ -16,11 +16,12 @@ from pinograsp.plan.parts import (
     StiffnessBand,
 )
 from pinograsp.plan.record import PlanFailure, PlanRecord, Proof
-from pinograsp.plan.simulation import Simulation, Verdict
+from pinograsp.plan.simulation import History, Simulation, Verdict
 
 __all__ = [
     "ComparisonRow",
     "ContactLaw",
+    "History",
     "Layout",
     "Motion",
     "PlanCertificate",

@@ -83,21 +83,16 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Simulation:
-    """A plan tried.
+class History:
+    """The samples of a simulation.
 
     Attributes:
-        verdict: held or lost, with its numbers.
-        mode: ``"servo"`` or ``"prescribed"``.
-        time_step: [s].
-        release: when the object was let go [s]; None: never.
         complete: the sample at which the grasp is complete, at t_F; drift and slip count from there.
         times: samples (s,) [s].
         q: joint positions (s, n) [rad; m where joints slide].
         dq: joint velocities (s, n) [rad/s or m/s].
         torques: of the motors (s, n) [N m or N].
         object_poses: oMb of the object's frame, that of its file (s, 4, 4).
-        com_b: the object's centre of mass in that frame (3,) [m].
         parts: names of the parts of the hand that touch or should (p), in the order of the plan's contacts, then those
             that touch without a plan. Contacts of one part share a row, under the name of their link.
         forces_o: on the object by part, sums over its points (s, p, 3) [N].
@@ -106,8 +101,39 @@ class Simulation:
         depths: of a part's deepest point (s, p) [m].
         slips: path slipped (s, p) [m].
         planned_forces: sum of F_n by part (p,) [N].
-        energies: by name (s,) [J]: ``joint_work``, ``load_work`` (put in); ``mechanical``, ``elastic`` (held),
-            ``damped``, ``slipped`` (lost); ``normal_work``, the integral of F_n over the depth.
+        energies: by name (s,) [J]: ``joint_work``, of the motors less the joints' dry friction, and ``load_work`` (put
+            in); ``mechanical``, the change of kinetic and potential energy, and ``elastic`` (held); ``damped``,
+            ``slipped`` (lost); ``normal_work``, the integral of F_n over the depth.
+    """
+
+    complete: int
+    times: Annotated[Array, "s"]
+    q: Annotated[Array, "s n"]
+    dq: Annotated[Array, "s n"]
+    torques: Annotated[Array, "s n"]
+    object_poses: Annotated[Array, "s 4 4"]
+    parts: Annotated[tuple[str, ...], "p"]
+    forces_o: Annotated[Array, "s p 3"]
+    normal_forces: Annotated[Array, "s p"]
+    tangential_forces: Annotated[Array, "s p"]
+    depths: Annotated[Array, "s p"]
+    slips: Annotated[Array, "s p"]
+    planned_forces: Annotated[Array, "p"]
+    energies: Mapping[str, Annotated[Array, "s"]]
+
+    __repr__ = brief("times", "parts", "planned_forces")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Simulation(History):
+    """A plan tried: its samples, with what came of it.
+
+    Attributes:
+        verdict: held or lost, with its numbers.
+        mode: ``"servo"`` or ``"prescribed"``.
+        time_step: [s].
+        release: when the object was let go [s]; None: never.
+        com_b: the object's centre of mass in its frame (3,) [m].
         disturbance: what was not as planned, as plain values.
         notes: where the geometry differs from the plan's.
         elapsed: [s].
@@ -119,21 +145,7 @@ class Simulation:
     mode: str
     time_step: float
     release: float | None
-    complete: int
-    times: Annotated[Array, "s"]
-    q: Annotated[Array, "s n"]
-    dq: Annotated[Array, "s n"]
-    torques: Annotated[Array, "s n"]
-    object_poses: Annotated[Array, "s 4 4"]
     com_b: Annotated[Array, "3"]
-    parts: Annotated[tuple[str, ...], "p"]
-    forces_o: Annotated[Array, "s p 3"]
-    normal_forces: Annotated[Array, "s p"]
-    tangential_forces: Annotated[Array, "s p"]
-    depths: Annotated[Array, "s p"]
-    slips: Annotated[Array, "s p"]
-    planned_forces: Annotated[Array, "p"]
-    energies: Mapping[str, Annotated[Array, "s"]]
     disturbance: Mapping[str, Any]
     notes: tuple[str, ...]
     elapsed: float

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.simulation.sample import History
+from pinograsp.plan import History
 from pinograsp.simulation.settings import Disturbance, Servo
 from pinograsp.simulation.task import Task
 from pinograsp.simulation.verdict import AT_LIMIT, MOVED, SLIPPED, TURNED
@@ -42,11 +42,13 @@ def find_causes(
         disturbance: differences from the plan.
     """
     until = _lost_at(history)
-    events = [] if servo is None else _saturated(task, history, until)
-    events = sorted([*events, *_slipped_or_opened(task, history, until), *_yielded(task, history, until)])[:_MOST]
+    events = [] if servo is None else _find_saturated(task, history, until)
+    events = sorted([*events, *_find_slipped_or_opened(task, history, until), *_find_yielded(task, history, until)])[
+        :_MOST
+    ]
     first = min((event.time for event in events if event.kind in ("slipped", "opened")), default=history.times[until])
     # On a way after the release planned forces are other ones than at its end.
-    ratio = 1.0 if task.way else _pressed(history, float(first))
+    ratio = 1.0 if task.way else _compare_pressing(history, float(first))
     causes = [event.text for event in events]
     if not _WEAK <= ratio <= _STRONG:
         causes.append(
@@ -73,7 +75,7 @@ def _first(what: BoolArray, start: int, otherwise: int) -> int:
     return start + int(found[0]) if found.size else otherwise
 
 
-def _saturated(task: Task, history: History, until: int) -> list[_Event]:
+def _find_saturated(task: Task, history: History, until: int) -> list[_Event]:
     """Motors that were at their torque limits for a while, from the touch on until the object was lost."""
     times, events = history.times, []
     at_limit: BoolArray = np.abs(history.torques[: until + 1]) >= task.torque_limit * (1 - AT_LIMIT)
@@ -91,7 +93,7 @@ def _saturated(task: Task, history: History, until: int) -> list[_Event]:
     return events
 
 
-def _slipped_or_opened(task: Task, history: History, until: int) -> list[_Event]:
+def _find_slipped_or_opened(task: Task, history: History, until: int) -> list[_Event]:
     """Planned contacts that slipped or opened before the object was lost."""
     times, complete, events = history.times, history.complete, []
     for part, name in enumerate(history.parts):
@@ -114,11 +116,11 @@ def _slipped_or_opened(task: Task, history: History, until: int) -> list[_Event]
     return events
 
 
-def _yielded(task: Task, history: History, until: int) -> list[_Event]:
+def _find_yielded(task: Task, history: History, until: int) -> list[_Event]:
     """The first joint that left its place after the grasp was complete and before the object was lost."""
     turn, shift = _YIELDED
     slides = task.hand.slides
-    off = history.q - task.commanded(history.times)
+    off = history.q - task.command_at(history.times)
     moved = np.abs(off - off[history.complete]) / np.where(slides, shift, np.radians(turn))
     when = _first((moved > 1.0).any(axis=1), history.complete, until + 1)
     if when > until:
@@ -129,7 +131,7 @@ def _yielded(task: Task, history: History, until: int) -> list[_Event]:
     return [_Event(time, "joint", name, f"joint '{name}' gave way, by more than {size} from {time:.3f} s on")]
 
 
-def _pressed(history: History, until: float) -> float:
+def _compare_pressing(history: History, until: float) -> float:
     """Simulated over planned normal forces in all, from the grasp's completion to a time [s]."""
     planned, complete = history.planned_forces, history.complete
     last = max(int(np.searchsorted(history.times, until)), complete + 1)

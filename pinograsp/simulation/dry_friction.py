@@ -18,7 +18,7 @@ class Rubbing(NamedTuple):
     accelerations: Array
 
 
-def rubbing(mass: Array, dq: Array, dt: float, most: Array, start: Array) -> Rubbing:
+def stop_joints(mass: Array, dq: Array, dt: float, most: Array, start: Array) -> Rubbing:
     """Friction over a step that would end at the velocities dq: it stops a joint, as far as its limit allows.
 
     The joints move each other: Gauss-Seidel over them, each between its limits.

@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from pinograsp.plan import ContactLaw
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _LINES = 2000  # that stand for the curve of a measured law
@@ -158,10 +159,7 @@ class _Places(NamedTuple):
         return found
 
 
-_NO_TABLE = np.zeros((0, 2))
-
-
-class ContactLaw:
+class ContactForces:
     """Normal and tangential forces, the state of the tangential springs, and the energies.
 
     Attributes:
@@ -174,31 +172,25 @@ class ContactLaw:
 
     def __init__(
         self,
-        stiffness: float,
-        damping: float,
-        exponent: float,
+        law: ContactLaw,
         mu: Array,
         torsion: float,
         tangential: float,
         counts: IntArray,
         places: Sequence[Array] = (),
-        table: Array = _NO_TABLE,
     ):
-        """The law of p parts.
+        """The forces of p parts.
 
         Args:
-            stiffness: K [N/m^rho].
-            damping: lambda [N s/m^(rho + 1)].
-            exponent: rho; 0 with a table.
+            law: the contact law, by its numbers.
             mu: friction coefficients (p,).
             torsion: largest moment about a normal per newton [m].
             tangential: stiffness kt of the tangential springs [N/m].
             counts: planned contacts of each part (p,).
             places: of these on the object, in its frame (counts[i], 3) [m]; none: all points of a part count alike.
-            table: depths [m] and forces [N] (l, 2) in place of delta^rho; empty: there is none.
         """
-        self.K, self.lam, self.rho = stiffness, damping, exponent
-        self.table = _refine(table) if len(table) else None
+        self.K, self.lam, self.rho = law.stiffness, law.damping, law.exponent
+        self.table = _refine(law.table) if len(law.table) else None
         self.mu, self.torsion, self.kt = np.asarray(mu, dtype=float), torsion, tangential
         self.single: BoolArray = np.asarray(counts) == 1
         self.counts: Array = np.maximum(np.asarray(counts, dtype=float), 1.0)

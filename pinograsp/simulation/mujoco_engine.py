@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.simulation.dry_friction import rubbing
+from pinograsp.simulation.dry_friction import stop_joints
 from pinograsp.simulation.geometry import object_shape
 from pinograsp.simulation.law import NO_TOUCHES, Displacements, Pressing, Touches, cross
 from pinograsp.simulation.overlaps import Collider
@@ -133,7 +133,7 @@ class MujocoEngine:
         # MuJoCo's point lies half-way between the surfaces.
         point = contact.pos[overlapping] - 0.5 * depth[:, None] * normal
         geometry = np.where(swapped, geoms[:, 1], geoms[:, 0])
-        return self._moving(body, geometry, point, normal, depth)
+        return self._describe_touches(body, geometry, point, normal, depth)
 
     def _touches_of_surface(self, collider: Collider) -> Touches:
         """The points at which the hand overlaps an object that is not convex."""
@@ -144,9 +144,11 @@ class MujocoEngine:
         if not overlaps:
             return NO_TOUCHES
         joints, geometry, points, normals, depths = (np.array(one) for one in zip(*overlaps))
-        return self._moving(self.body_of_part[joints], geometry, points, normals, depths)
+        return self._describe_touches(self.body_of_part[joints], geometry, points, normals, depths)
 
-    def _moving(self, body: IntArray, geometry: IntArray, point: Array, normal: Array, depth: Array) -> Touches:
+    def _describe_touches(
+        self, body: IntArray, geometry: IntArray, point: Array, normal: Array, depth: Array
+    ) -> Touches:
         """Touches of MuJoCo's bodies, with their velocities relative to the object."""
         model, data = self.model, self.data
         mine, other = data.cvel[body], np.tile(data.cvel[self.object], (len(body), 1))
@@ -194,7 +196,7 @@ class MujocoEngine:
         for one in self.followers:
             every[one.dof, one.followed] = one.factor
         mass = every.T @ self._full_mass() @ every + np.diag(implicit)
-        self.friction, acceleration = rubbing(mass, self.dq, self.dt, self.most_friction, self.friction)
+        self.friction, acceleration = stop_joints(mass, self.dq, self.dt, self.most_friction, self.friction)
         change = self.dt * (every @ acceleration)
         data.qvel += change
         moved = np.append(self.dofs, [one.dof for one in self.followers]).astype(int)

@@ -8,9 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.checks import frozen, read_only
-from pinograsp.plan import Simulation
+from pinograsp.plan import History, Simulation
 from pinograsp.simulation.causes import find_causes
-from pinograsp.simulation.sample import Energies, History
 from pinograsp.simulation.settings import Support
 from pinograsp.simulation.stepping import Trial
 from pinograsp.simulation.task import Task
@@ -41,12 +40,12 @@ def record_trial(trial: Trial, elapsed: float) -> Simulation:
         released = task.impact_time if options.support == "none" else task.final_time
     seen = replace(history, object_poses=task.as_carried(history.q, history.object_poses))
     verdict = judge(task, seen, expected, released, gone=trial.gone, options=options)
-    servo = None if schedule.prescribed else schedule.servo
+    servo = None if schedule.is_prescribed else schedule.servo
     if not verdict.held:
         causes, remedies = find_causes(task, seen, servo, options.disturbance)
         verdict = replace(verdict, causes=causes, remedies=remedies)
     notes = [*trial.engine.notes, *_SUPPORTED[options.support]]
-    if schedule.shortened:
+    if schedule.is_shortened:
         what = "light or hard" if options.disturbance.stiffness > 1.0 else "light"
         notes.append(f"steps of {1e3 * schedule.time_step:.2g} ms: a {what} object swings fast on its contacts")
     return Simulation(
@@ -70,29 +69,18 @@ def _collect(trial: Trial, parts: IntArray, planned: Array) -> History:
     task, samples = trial.task, trial.samples
 
     def column(name: str) -> Array:
-        return np.array([getattr(sample, name) for sample in samples])
+        return read_only(np.array([getattr(sample, name) for sample in samples]))
 
-    def columns(name: str) -> Array:
-        return read_only(column(name)[:, parts])
-
+    by_part = ("forces_o", "normal_forces", "tangential_forces", "depths", "slips")
     return History(
         complete=trial.complete,
-        times=read_only(column("time")),
-        q=read_only(column("q")),
-        dq=read_only(column("dq")),
-        torques=read_only(column("torques")),
-        object_poses=read_only(column("object_pose")),
+        times=column("time"),
+        object_poses=column("object_pose"),
         parts=tuple(_name_part(task, int(part)) for part in parts),
-        forces_o=columns("forces_o"),
-        normal_forces=columns("normal_forces"),
-        tangential_forces=columns("tangential_forces"),
-        depths=columns("depths"),
-        slips=columns("slips"),
         planned_forces=read_only(planned),
-        energies={
-            one.name: frozen(np.array([getattr(sample.energies, one.name) for sample in samples], dtype=float))
-            for one in fields(Energies)
-        },
+        energies={name: frozen(np.array([one.energies[name] for one in samples])) for name in samples[0].energies},
+        **{name: column(name) for name in ("q", "dq", "torques")},
+        **{name: read_only(column(name)[:, parts]) for name in by_part},
     )
 
 

@@ -65,10 +65,10 @@ def build(
         motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
         # A motor without stiffness takes torques as its control.
         motor.gainprm[0], motor.biasprm[1], motor.biasprm[2] = kp or 1.0, -kp, -kv
-    return compiled(spec), notes
+    return compile_model(spec), notes
 
 
-def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """The model of a description; :class:`InvalidInput` says what MuJoCo refuses."""
     try:
         with without_callbacks():  # compiling calls them

@@ -40,12 +40,12 @@ class Schedule:
     every: int
 
     @property
-    def shortened(self) -> bool:
+    def is_shortened(self) -> bool:
         """Whether the time step is shorter than that of the options."""
         return self.time_step < self.options.time_step
 
     @property
-    def prescribed(self) -> bool:
+    def is_prescribed(self) -> bool:
         """Whether joints follow the commands exactly, whatever torque that takes."""
         return self.options.mode == "prescribed"
 
@@ -121,7 +121,7 @@ class Course:
         self.dq[resting], torques[resting] = 0.0, task.holding_torques
         share = {"torque": options.disturbance.servo_gain, "position": 0.0, "impedance": 1.0}[schedule.servo.control]
         self.torques: Array = share * torques
-        if schedule.prescribed:  # the engine integrates a step's velocity to the next position
+        if schedule.is_prescribed:  # the engine integrates a step's velocity to the next position
             self.dq[1:] = np.diff(self.q, axis=0) / dt
             self.ddq[:-1], self.ddq[-1] = np.diff(self.dq, axis=0) / dt, 0.0
 

@@ -125,7 +125,7 @@ class Servo:
             damped = _SETTLING * felt
         return cls(stiffness=0.0 * chosen if torque else chosen, damping=damped, rotor=rotor, control=control)
 
-    def scaled(self, factor: float) -> Servo:
+    def scale_gains(self, factor: float) -> Servo:
         """With ``factor`` times the gains, stiffness and damping; torque control has none, its damping is the joints'.
 
         Raises:
@@ -320,7 +320,7 @@ class Disturbance:
             ("joint_offset", "joint offset [rad or m]"),
             ("joint_friction", "joint friction [N m or N]"),
         ):
-            value, text = getattr(self, name), f"{name} {unit}".replace("_", " ")
+            value = getattr(self, name)
             put(name, array_of(text, value, (None,)) if floats_of(text, value).ndim else number(text, value))
         at_least_zero("joint friction [N m or N]", self.joint_friction)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from pinograsp.checks import each_of
 from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord, Simulation
-from pinograsp.simulation.law import ContactLaw
+from pinograsp.simulation.law import ContactForces
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.options import Mode, SimulationOptions
 from pinograsp.simulation.record import record_trial
@@ -89,17 +90,17 @@ def simulate_task(task: Task, options: SimulationOptions) -> Simulation:
     engine = MujocoEngine(
         task,
         time_step=schedule.time_step,
-        servo=schedule.servo.scaled(disturbance.servo_gain),
+        servo=schedule.servo.scale_gains(disturbance.servo_gain),
         mass_factor=disturbance.mass_factor,
         joint_friction=each_of("joint friction", disturbance.joint_friction, task.hand.n),
     )
-    trial = Trial(task, engine, make_law(task, engine.parts, disturbance), schedule)
+    trial = Trial(task, engine, make_forces(task, engine.parts, disturbance), schedule)
     with without_callbacks():
         trial.run()
     return record_trial(trial, time.perf_counter() - started)
 
 
-def make_law(task: Task, parts: int, disturbance: Disturbance) -> ContactLaw:
+def make_forces(task: Task, parts: int, disturbance: Disturbance) -> ContactForces:
     """The law for every part of the hand: mu of its planned contacts, or their mean for parts without any."""
     joints = np.array([task.joint_of(link) for link in task.links])
     counts = np.bincount(joints, minlength=parts)
@@ -116,6 +117,5 @@ def make_law(task: Task, parts: int, disturbance: Disturbance) -> ContactLaw:
     inverse = np.linalg.inv(task.body.shape_pose)
     points = task.points_o @ inverse[:3, :3].T + inverse[:3, 3]
     places = [points[joints == joint] for joint in range(parts)]
-    return ContactLaw(
-        factor * law.stiffness, damping, law.exponent, each, task.torsion, tangential, counts, places, law.table
-    )
+    other = replace(law, stiffness=factor * law.stiffness, damping=damping)
+    return ContactForces(other, each, task.torsion, tangential, counts, places)

@@ -7,9 +7,9 @@ import pinocchio as pin
 
 from pinograsp.checks import array_of
 from pinograsp.errors import SimulationDiverged
-from pinograsp.simulation.law import ContactLaw, Pressing, Touches
+from pinograsp.simulation.law import ContactForces, Pressing, Touches
 from pinograsp.simulation.mujoco_engine import MujocoEngine
-from pinograsp.simulation.sample import Energies, Sample, by_part
+from pinograsp.simulation.sample import Sample, sum_by_part
 from pinograsp.simulation.schedule import Course, Schedule
 from pinograsp.simulation.table import Table
 from pinograsp.simulation.task import Task
@@ -55,7 +55,7 @@ class Trial:
         gone: whether the object was so far away that the simulation ended early.
     """
 
-    def __init__(self, task: Task, engine: MujocoEngine, law: ContactLaw, schedule: Schedule):
+    def __init__(self, task: Task, engine: MujocoEngine, law: ContactForces, schedule: Schedule):
         self.task, self.engine, self.law, self.schedule = task, engine, law, schedule
         self.options, self.course = schedule.options, Course(task, schedule)
         disturbance = self.options.disturbance
@@ -88,7 +88,8 @@ class Trial:
             if i == 0:
                 start_energy = engine.potential_energy() + kinetic
             if pending is not None:
-                self.samples.append(pending.with_kinetic(0.5 * (before + kinetic) - start_energy))
+                pending.energies["mechanical"] += 0.5 * (before + kinetic) - start_energy
+                self.samples.append(pending)
                 # By the pose of the sample, not the present one: the verdict is read from the samples.
                 self.gone = self._is_gone(pending)
                 if i > steps or self.gone:
@@ -107,7 +108,7 @@ class Trial:
 
     def _settle(self, i: int) -> None:
         """Before a step: place hand and object where they are fixed, and shake the hand."""
-        course, engine, prescribed = self.course, self.engine, self.schedule.prescribed
+        course, engine, prescribed = self.course, self.engine, self.schedule.is_prescribed
         still = self._is_fixed(i) or i == course.free  # it is let go from rest
         now = course.row(i)
         if still or prescribed:
@@ -129,7 +130,7 @@ class Trial:
         if i == course.complete:
             self.complete = len(self.samples)
         q = engine.q if due else speeds
-        if self.schedule.prescribed:
+        if self.schedule.is_prescribed:
             engine.step_prescribed(course.ddq[now], touches, pressing, wrench)
             after = course.dq[course.row(i + 1)]
         else:
@@ -141,15 +142,8 @@ class Trial:
         self._account(dt, speeds, wrench, object_speed, fixed)
         sample = None
         if due:
-            energies = Energies(
-                joint_work=self.joint_work,
-                load_work=self.load_work,
-                mechanical=potential,
-                elastic=law.elastic,
-                damped=law.damped,
-                slipped=law.slipped,
-                normal_work=law.normal_work,
-            )
+            own = {"joint_work": self.joint_work, "load_work": self.load_work, "mechanical": potential}
+            of_contacts = {name: getattr(law, name) for name in ("elastic", "damped", "slipped", "normal_work")}
             sample = Sample(
                 time=dt * i,
                 q=q,
@@ -157,8 +151,8 @@ class Trial:
                 torques=engine.torques,
                 object_pose=pose,
                 slips=law.slip.copy(),
-                energies=energies,
-                **by_part(touches, pressing, engine.parts)._asdict(),
+                energies=own | of_contacts,
+                **sum_by_part(touches, pressing, engine.parts),
             )
         self._account(dt, after, wrench, object_after, fixed)
         return sample

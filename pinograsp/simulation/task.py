@@ -145,7 +145,7 @@ class Task:
         """How long the commands go on after the object is let go [s]."""
         return float(self.times[-1]) - self.final_time
 
-    def commanded(self, times: Array) -> Array:
+    def command_at(self, times: Array) -> Array:
         """Positions that the joints are sent (s, n) [rad or m]."""
         return np.column_stack([np.interp(times, self.times, column) for column in self.q.T])
 

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinograsp.plan import Verdict
+from pinograsp.plan import History, Verdict
 from pinograsp.simulation.options import SimulationOptions
-from pinograsp.simulation.sample import History
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, BoolArray
 

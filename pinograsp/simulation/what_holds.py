@@ -172,8 +172,8 @@ def _other_drives(task: Task, options: SimulationOptions) -> Iterator[tuple[str,
                 "the plan's torques as feed-forward, control='impedance'",
                 replace(servo, control="impedance"),
             )
-        yield f"servos {_SOFTER:g} times softer, kp", servo.scaled(1 / _SOFTER)
-        yield f"servos {_SOFTER:g} times stiffer, kp", servo.scaled(_SOFTER)
+        yield f"servos {_SOFTER:g} times softer, kp", servo.scale_gains(1 / _SOFTER)
+        yield f"servos {_SOFTER:g} times stiffer, kp", servo.scale_gains(_SOFTER)
 
 
 def _relieve(task: Task, disturbance: Disturbance, factor: float) -> tuple[Task, Disturbance]:

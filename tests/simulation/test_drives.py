@@ -138,7 +138,7 @@ def test_servo_gains_are_those_of_a_servo_with_them(task):
     one = simulate(task, servo=servo, disturbance=Disturbance(servo_gain=1.5), **FREE)
     np.testing.assert_array_equal(one.normal_forces, simulate(task, servo=firmer, **FREE).normal_forces)
     torque = Servo.of(task.hand, control="torque")
-    assert torque.scaled(2.0) is torque
+    assert torque.scale_gains(2.0) is torque
 
 
 def test_gain_errors_of_torque_control_are_those_of_the_torques(linear):

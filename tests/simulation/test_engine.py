@@ -14,7 +14,8 @@ from swinging_shape import CENTRE, SHAPES, engine, one_joint, pose, width
 import pinograsp as pg
 from pinograsp.errors import InvalidInput
 from pinograsp.objects import Box, Cylinder, Sphere
-from pinograsp.simulation.law import NO_TOUCHES, ContactLaw, Pressing
+from pinograsp.plan import ContactLaw
+from pinograsp.simulation.law import NO_TOUCHES, ContactForces, Pressing
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.settings import Servo
 
@@ -174,7 +175,7 @@ def test_hand_and_object_feel_opposite_forces():
     )
     made = MujocoEngine(task, time_step=1e-4, servo=limp, mass_factor=1.0)
     made.place(np.zeros(1), np.array([2.0]), pose(np.eye(3), [0.05, 0.0425, 0.003]))
-    law = ContactLaw(1e6, 0.0, 1.5, np.full(2, 0.5), 1e-3, 2e4, np.ones(2))
+    law = ContactForces(ContactLaw(stiffness=1e6, damping=0.0, exponent=1.5), np.full(2, 0.5), 1e-3, 2e4, np.ones(2))
     inertia = float(pin.crba(hand.model, hand.model.createData(), np.zeros(1))[0, 0])
 
     def momentum() -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,6 @@ from pinograsp.objects import Box
 from pinograsp.planner import plan_best
 from pinograsp.simulation import Disturbance, simulate
 from pinograsp.simulation.options import SimulationOptions
-from pinograsp.simulation.sample import History
 from pinograsp.simulation.task import Task
 from pinograsp.simulation.verdict import Expected, judge
 
@@ -25,7 +24,6 @@ def judged():
     """The verdict on a held object that moves as told after its release: x [m] of the time since then [s]."""
     plan = pg.load_case("paper", SURFACE).plan()
     task, seen = Task.of(plan), simulate(plan, hold=1.0, time_step=1e-3)
-    history = History(**{one.name: getattr(seen, one.name) for one in fields(History)})
     expected = Expected(np.zeros(len(seen.parts)), task.settled_forces)
 
     def verdict(course, shaken):
@@ -33,7 +31,7 @@ def judged():
         since = np.maximum(seen.times - plan.forces.final_time, 0.0)
         poses[:] = poses[seen.complete]
         poses[:, 0, 3] += course(since)
-        moved = replace(history, object_poses=poses)
+        moved = replace(seen, object_poses=poses)
         swing = Disturbance() if shaken is None else Disturbance(shake=[1.0, 0, 0], shake_frequency=1 / shaken)
         options = SimulationOptions(disturbance=swing)
         return judge(task, moved, expected, plan.forces.final_time, gone=False, options=options)
