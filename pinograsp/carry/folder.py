@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pinograsp.carry.record import CarryPlan
+from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.carry.report import report_carry
 from pinograsp.checks import instance_of
 from pinograsp.plan import Simulation

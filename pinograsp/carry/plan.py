@@ -8,12 +8,12 @@ from typing import Literal, get_args
 
 from numpy.typing import ArrayLike
 
+from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.carry.limits import limit_arm, read_joint_limits
 from pinograsp.carry.loads import CarryScenario
 from pinograsp.carry.passage import Passage
 from pinograsp.carry.passing import pass_fastest, pass_smoothly, pass_timed
 from pinograsp.carry.path import ArmPath
-from pinograsp.carry.record import CarryPlan
 from pinograsp.carry.recording import record_plan
 from pinograsp.carry.refusals import refuse_timing
 from pinograsp.carry.squeeze import squeeze_least, squeeze_steadily

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from pinograsp.carry.path import ArmPath
@@ -20,18 +18,13 @@ from pinograsp.hands import HandModel
 from pinograsp.motion.torques import drives_limit
 from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
-from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
-from pinograsp.writing import write_file
-
-if TYPE_CHECKING:
-    from pinograsp.viz.viewer import Viewer
 
 _MOST = 1_000_000  # samples: more is a mistyped rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CarryPlan:
+class CarryRecord:
     """A timing of a path with the contact forces and joint torques on the way; N intervals, k contacts, n joints.
 
     Loads, forces and torques are those at the middles of the intervals. Vectors on the object are in axes that turn
@@ -112,7 +105,6 @@ class CarryPlan:
     cautions: tuple[str, ...] = ()
 
     __repr__ = brief("status", "robot", "duration", "fastest", "lower_bound", "residual", "elapsed")
-    _repr_html_ = in_notebook
 
     def __str__(self) -> str:
         return self.describe()
@@ -232,59 +224,6 @@ class CarryPlan:
             final_time=self.duration,
             notes=self.notes,
         )
-
-    def show(self, *, port: int = 8080, open_browser: bool = True) -> Viewer:
-        """Open a live page on which the arm moves and the hand holds; see :func:`pinograsp.viz.viewer.view`."""
-        from pinograsp.carry.scene import carry_scene
-        from pinograsp.viz.viewer import open_viewer
-
-        return open_viewer(carry_scene(self), port=port, open_browser=open_browser)
-
-    def save_html(self, path: str | Path) -> Path:
-        """Write such a page as one file that needs no server and no network; returns its path."""
-        from pinograsp.carry.scene import carry_scene
-        from pinograsp.viz.page import render_page
-
-        return write_file(path, render_page(carry_scene(self)).encode())
-
-    def picture(self, path: str | Path, *, time: float | None = None, view: ArrayLike | None = None) -> Path:
-        """Write a picture of arm, object and forces; returns its path.
-
-        Args:
-            path: .png, or .svg or .pdf for print; an existing file is overwritten.
-            time: of the plan [s]; None: when the hand squeezes hardest.
-            view: in the robot's world, as for :func:`pinograsp.viz.still.picture`.
-        """
-        from pinograsp.carry.scene import carry_scene
-        from pinograsp.viz.still import write_picture
-
-        when = float(self.instants[self.squeeze.argmax()]) if time is None else time
-        return write_picture(carry_scene(self), path, when, view=view)
-
-    def film(
-        self,
-        path: str | Path,
-        *,
-        view: ArrayLike | None = None,
-        seconds: float = 4.0,
-        progress: bool | None = None,
-    ) -> Path:
-        """Write a moving picture, .gif or .mp4: the arm carries the object; returns its path.
-
-        Args:
-            path: an existing file is overwritten.
-            view, seconds, progress: as for :func:`pinograsp.viz.film.write_film`.
-        """
-        from pinograsp.carry.scene import carry_scene
-        from pinograsp.viz.film import write_film
-
-        return write_film(carry_scene(self), path, view=view, seconds=seconds, progress=progress)
-
-    def save_figures(self, folder: str | Path) -> list[Path]:
-        """Write the figures as PNG into an existing folder; returns their paths. See :mod:`pinograsp.viz.carried`."""
-        from pinograsp.viz.carried import save_carry_figures
-
-        return save_carry_figures(self, folder)
 
     def stretches(self) -> list[tuple[str, int, int]]:
         """What binds, and the first and last interval of each stretch where it does."""

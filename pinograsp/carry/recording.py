@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from pinograsp.carry.binding import name_binding
+from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.carry.cautions import doubt_drives, doubt_grasp, doubt_path, doubt_squeeze
 from pinograsp.carry.commands import Commands
 from pinograsp.carry.passage import Passage
 from pinograsp.carry.passing import find_fastest_anywhere
-from pinograsp.carry.record import CarryPlan
 from pinograsp.carry.squeeze import WaySqueeze
 from pinograsp.carry.task import CarryTask
 from pinograsp.checks import read_only

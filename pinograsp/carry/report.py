@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pinograsp.carry.record import CarryPlan
+from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.plan import Simulation
 from pinograsp.report import Finding, Picture, Report, Section, answer_simulated, list_section
 from pinograsp.words import number

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from pinograsp.carry.loads import LoadedRobot
-from pinograsp.carry.path import ArmPath
-from pinograsp.carry.timing import Timing
+from pinograsp.carry.record import CarryRecord
 from pinograsp.handover.quintic import interpolate
 from pinograsp.plan.answer import Answer, friction_model
 from pinograsp.spatial import Array
-from pinograsp.viz import carried
 from pinograsp.viz.scene import THICKNESS, Phase, ViewScene, list_busy_joints, name_object, split_forces
 from pinograsp.viz.scene_meshes import friction_cone
 from pinograsp.viz.solids import Links, make_solids, to_sevens
@@ -24,56 +20,7 @@ _RATE, _FEWEST, _MOST = 60.0, 150, 600  # instants per second of the plan, and h
 _DETAIL = 0.25  # size of forces and cones, over that in a scene of the hand alone: the arm is larger
 
 
-class Shown(carried.Carried, Protocol):
-    """What the scene takes from a carry plan, besides what figures show."""
-
-    @property
-    def path(self) -> ArmPath:
-        """The arm's."""
-        ...
-
-    @property
-    def timing(self) -> Timing:
-        """Of the path."""
-        ...
-
-    @property
-    def gravity_o(self) -> Array:
-        """(3,) [m/s^2]."""
-        ...
-
-    @property
-    def loads(self) -> Array:
-        """On the object, linear first (N, 6) [N, N m]."""
-        ...
-
-    @property
-    def forces_o(self) -> Array:
-        """On the object (N, k, 3) [N]."""
-        ...
-
-    @property
-    def fastest(self) -> float | None:
-        """Duration of the fastest timing [s]."""
-        ...
-
-    @property
-    def lower_bound(self) -> float | None:
-        """No timing is faster [s]."""
-        ...
-
-    @property
-    def factor(self) -> float:
-        """How many times as fast this timing may be."""
-        ...
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the caller should know."""
-        ...
-
-
-def carry_scene(plan: Shown) -> ViewScene:
+def carry_scene(plan: CarryRecord) -> ViewScene:
     """The scene of a carry plan, at instants that are equally far apart.
 
     Raises:
@@ -163,7 +110,7 @@ def carry_scene(plan: Shown) -> ViewScene:
     )
 
 
-def _interpolate(plan: Shown, times: Array, values: Array) -> Array:
+def _interpolate(plan: CarryRecord, times: Array, values: Array) -> Array:
     """Values (N, ...) of the middles at times (f, ...); before the first and after the last they stay."""
     found = interpolate(times, plan.instants, values.reshape(len(values), -1))
     return found.reshape(len(times), *values.shape[1:])
@@ -181,14 +128,14 @@ def _describe_binding(what: str) -> str:
     return f"On the way. It cannot be faster here because of: {what}."
 
 
-def _write_answer(plan: Shown) -> str:
+def _write_answer(plan: CarryRecord) -> str:
     text = f"Yes, in {plan.timing.duration:.4g} s: friction, forces, torques and speeds stay within their limits."
     if plan.lower_bound is not None:
         return f"{text} No timing of this path takes less than {plan.lower_bound:.4g} s."
     return f"{text} {plan.factor:.3g} times as fast could be held."
 
 
-def _list_facts(plan: Shown) -> list[tuple[str, str]]:
+def _list_facts(plan: CarryRecord) -> list[tuple[str, str]]:
     """The plan in a few lines."""
     squeeze = plan.normal_forces.sum(axis=1)
     facts = [("duration", f"{plan.timing.duration:.4g} s")]

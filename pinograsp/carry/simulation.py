@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
+from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.carry.loads import LoadedRobot
-from pinograsp.carry.record import CarryPlan
 from pinograsp.checks import instance_of
 from pinograsp.contacts import law_of
 from pinograsp.motion.torques import inverse_dynamics

@@ -26,6 +26,7 @@ from pinograsp.synthesis.found import SOUND
 FAR = 0.02  # slip of a contact while it presses, relative to the object's size
 _OTHER = 0.1  # share by which a force at rest is another one than planned
 _TRIES = 4  # plans that are not firm, before the firmest of them is taken
+_MOST_FAULTS = 6  # that :func:`_count_faults` counts
 _SHAKEN = 0.5  # of the acceleration that the reserve's force stands for
 
 
@@ -65,8 +66,7 @@ def plan_best(
     instance_of("search", found, GraspSearch)
     flag("check", check)
     best: GraspPlan | None = None
-    fewest = 0
-    tried = 0
+    fewest = tried = 0
     refused: list[tuple[NoGrasp, GraspTask]] = []
     for grasp in found.grasps or (found.best,):
         closure = grasp.closure
@@ -76,9 +76,9 @@ def plan_best(
         except NoGrasp as error:
             refused.append((error, task))
             continue
-        faults = _faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
+        faults = _count_faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
         if check and plan.status is Status.OK:
-            plan, held = _checked(plan)
+            plan, held = _check(plan)
             faults += 0 if held else _MOST_FAULTS
         if plan.status is Status.INTERRUPTED or not faults:
             return plan
@@ -90,13 +90,10 @@ def plan_best(
     if best is not None:
         if best.status is not Status.OK:
             best = replace(best, notes=(*best.notes, "no plan is ok: another seed, or more samples, may find one"))
-            best = _checked(best)[0] if check else best
+            best = _check(best)[0] if check else best
         return best
     near = [GraspTask.of_closure(one.closure, conditions, options) for one in found.near]
     raise _refusal(refused, near)
-
-
-_MOST_FAULTS = 6
 
 
 def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) -> NoGrasp:
@@ -125,7 +122,7 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) ->
     return kind(f"{lead} {told}", told.solution, remedy=told.remedy)
 
 
-def _checked(plan: GraspPlan) -> tuple[GraspPlan, bool]:
+def _check(plan: GraspPlan) -> tuple[GraspPlan, bool]:
     """The plan with what its simulation says, and whether it was held."""
     bears = 0.0 if plan.reserve is None else plan.reserve.force / plan.body_mass
     shake = _SHAKEN * bears * np.ones(3) / np.sqrt(3.0)
@@ -140,7 +137,7 @@ def _checked(plan: GraspPlan) -> tuple[GraspPlan, bool]:
     return replace(plan, cautions=(told, *plan.cautions)), False
 
 
-def _faults(plan: GraspPlan, closure: Closure) -> int:
+def _count_faults(plan: GraspPlan, closure: Closure) -> int:
     """How much speaks against a plan: contacts that slide, lie on edges or press past them, forces that come out other
     than planned, other links that press, an object that leaves by itself or gives way far.
     """

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import replace
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -47,8 +47,7 @@ _WIDER = (1.0, 1.1, 1.3)  # times the least that forces need: postures and impac
 _COARSE = 0.1  # of figures that whole plans are tried for
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Option:
+class Option(NamedTuple):
     """What would do: limits to relax, all of them together, and what the plan with it comes out as."""
 
     relaxations: tuple[Relaxation, ...]
@@ -127,7 +126,7 @@ def try_plan(plan: Callable[[Setup], GraspPlan], setup: Setup) -> Status | None:
     return None if status.exit_code else status
 
 
-def underactuated(problem: ForceProblem) -> tuple[str, ...]:
+def list_couplings(problem: ForceProblem) -> tuple[str, ...]:
     """What is in the way of joint torques that could be chosen one by one, in words."""
     under = None if problem.torques is None else problem.torques.underactuation
     return () if under is None else tuple(dict.fromkeys(under.why))
@@ -146,7 +145,7 @@ def free_drives(problem: ForceProblem, why: str | None = None) -> ForceProblem:
 
 def _drives_in_the_way(problem: ForceProblem, holds: Callable[[ForceProblem], bool]) -> str:
     """What the hand's drives have to do with it that no forces are found, "" where it is not their fault."""
-    reasons = underactuated(problem)
+    reasons = list_couplings(problem)
     if not reasons or not holds(free_drives(problem)):
         return ""
     alone = [why for why in reasons if holds(free_drives(problem, why))]

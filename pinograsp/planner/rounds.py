@@ -45,20 +45,39 @@ from pinograsp.planner.refusals import (
     explain_proof,
     explain_unmade,
     free_drives,
+    list_couplings,
     no_forces,
     refuse_failure,
     refuse_no_squeeze,
-    underactuated,
 )
 from pinograsp.spatial import Array
 
-# Rounds of force search and motion until the holding torques at the posture found are within their limits.
-_TORQUE_ROUNDS = 6
-_SETTLED = 1e-5  # [-, m] of the Jacobians from one round to the next
-# Rounds that plan the forces that friction leaves, the share of a force from which on it is another one, and what a
-# round has to leave of it at most.
-_COMING_ROUNDS, _COMES, _GAINED = 3, 0.03, 0.7
-_FIRMER, _FIRMEST = 1.2, 1.5  # times the planned forces: looked at, and worth it
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanRounds:
+    """How long forces and motion are searched in turn.
+
+    Attributes:
+        torques: rounds until the holding torques at the posture found are within their limits.
+        settled: change of the Jacobians from one of them to the next that is none [-, m].
+        coming: rounds that plan the forces that friction leaves.
+        comes: share of a force from which on it is another one [-].
+        gained: what such a round may leave of the largest share at most [-].
+        firmer: times the planned forces that are looked at for how forces go on.
+        firmest: times the planned forces that are worth it.
+    """
+
+    torques: int = 6
+    settled: float = 1e-5
+    coming: int = 3
+    comes: float = 0.03
+    gained: float = 0.7
+    firmer: float = 1.2
+    firmest: float = 1.5
+
+
+# Weighed in benchmarks/grasps.py: columns ``error``, how far simulated forces are off the planned ones, and ``plan_s``.
+ROUNDS = PlanRounds()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -142,7 +161,7 @@ def _search_optimum(hand: HandModel, setup: Setup, options: PlanOptions, progres
     # The first round finds a posture without knowing the torques.
     searched = problem if limit is None else replace(problem, torques=None)
     objective = options.objective if limit is None else None
-    for _ in range(_TORQUE_ROUNDS):
+    for _ in range(ROUNDS.torques):
         forces = optimize_grasp(searched, objective=objective, solver=options.solver, progress=progress)
         refuse_failure(forces, explain_proof)
         watch.stop("forces")
@@ -165,7 +184,7 @@ def _limits_at_the_end(hand: HandModel, forces: ForceSolution, motion: Motion, l
 
 def _are_settled(limits: TorqueLimits, known: TorqueLimits | None) -> bool:
     """Whether the forces were searched with these limits."""
-    return known is not None and bool(np.abs(limits.jacobian - known.jacobian).max() < _SETTLED)
+    return known is not None and bool(np.abs(limits.jacobian - known.jacobian).max() < ROUNDS.settled)
 
 
 def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve: Reserve) -> ForcesAndMotion:
@@ -174,7 +193,7 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
     watch, tried, start = _Stopwatch(), 0, None
     searched, posture = problem, problem.contacts.posture
     together = None if posture is None else pressing_together(hand, problem.contacts, posture)
-    for _ in range(_TORQUE_ROUNDS):
+    for _ in range(ROUNDS.torques):
         squeeze = search_reserve(searched, reserve, objective=options.objective, start=start)
         tried += squeeze.tried
         refuse_no_squeeze(squeeze, searched, reserve, options.objective)
@@ -194,7 +213,7 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
         if _are_settled(limits, searched.torques):
             break
         searched, start = replace(problem, torques=limits), squeeze.impact_time
-    for _ in range(_COMING_ROUNDS):
+    for _ in range(ROUNDS.coming):
         coming = _search_as_they_come(hand, searched, options, reserve, squeeze, motion)
         if coming is None:
             break
@@ -206,7 +225,7 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
 
 def _least_of_any_hand(squeeze: RobustForces, problem: ForceProblem, reserve: Reserve, options: PlanOptions) -> float:
     """Lower bound of the objective of a hand that could make any forces."""
-    if underactuated(problem):
+    if list_couplings(problem):
         squeeze = search_reserve(free_drives(problem), reserve, objective=options.objective)
     return squeeze.certificate.lower_bound if squeeze.certificate is not None else 0.0
 
@@ -251,19 +270,24 @@ def _search_as_they_come(
     they go on from there, a firmer grip shows.
     """
     left = _largest_change(squeeze.normal_forces, motion)
-    if left < _COMES or reserve.stiffness_factors:
+    if left < ROUNDS.comes or reserve.stiffness_factors:
         return None
     forces = squeeze.under(problem.load)
-    firmer = normal_at_rest(hand, replace(forces, forces_c=_FIRMER * forces.forces_c, torsion=_FIRMER * forces.torsion))
+    firmer = normal_at_rest(
+        hand, replace(forces, forces_c=ROUNDS.firmer * forces.forces_c, torsion=ROUNDS.firmer * forces.torsion)
+    )
     if firmer is None:
         return None
     come = motion.settled_forces
     other = reserve_along(problem, reserve, squeeze, come, firmer - come, objective=options.objective)
-    if other.status is not Status.OK or other.normal_forces.sum() > _FIRMEST * squeeze.normal_forces.sum():
+    if other.status is not Status.OK or other.normal_forces.sum() > ROUNDS.firmest * squeeze.normal_forces.sum():
         return None
     forces = other.under(problem.load)
     other_motion = plan_motion(hand, forces, options.motion)
-    if _largest_change(other.normal_forces, other_motion) > _GAINED * left or other_motion.status is not motion.status:
+    if (
+        _largest_change(other.normal_forces, other_motion) > ROUNDS.gained * left
+        or other_motion.status is not motion.status
+    ):
         return None
     return other, forces, other_motion
 

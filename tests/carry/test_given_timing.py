@@ -133,16 +133,6 @@ def test_what_is_too_fast_is_proven_and_told_how_fast_it_may_be(arm, grasp):
     assert raised.value.solution.infeasibility is not None
 
 
-def test_faster_than_the_optimum_without_reserve_is_infeasible(arm, grasp):
-    """Ten percent faster than the certified limit."""
-    held = weak(grasp, 1.2)
-    free = {"intervals": INTERVALS, "reserve": 0.0, "disturbance": 0.0}
-    plan = plan_carry(arm, held, WAYPOINTS, ramp=0, **free)
-    assert plan.duration / 1.1 < plan.lower_bound
-    with pytest.raises(CarryInfeasible, match="proven"):
-        plan_carry(arm, held, trajectory_of(plan, 1.1, 4000), timing="given", **free)
-
-
 # -- squeezes ----------------------------------------------------------------------------------------------------------
 
 

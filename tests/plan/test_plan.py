@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from pinograsp.report import list_comparison, report_plan
 from pinograsp.storage import runs
 from pinograsp.viz.figures import contact_forces, joint_angles, joint_torques, save_figures
 from pinograsp.words import number
-from pinograsp.writing import NewFolder, folders
+from pinograsp.writing import folders
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +47,8 @@ def test_case_study_plan(plan):
 def test_the_shipped_case_balances_forces_and_moments():
     case = load_case("paper")
     assert case.forces.balance == "wrench"
-    assert case.plan().summary()["residual_Nm"] < 1e-9
-
-
-def test_wrench_balance_holds_moments_too(paper_case):
-    plan = load_case("paper", {"forces.balance": "wrench"}).plan()
-    assert plan.summary()["residual_N"] < 1e-9 and plan.summary()["residual_Nm"] < 1e-9
+    summary = case.plan().summary()
+    assert summary["residual_N"] < 1e-9 and summary["residual_Nm"] < 1e-9
 
 
 def test_table_against_the_paper(rows):
@@ -162,14 +157,6 @@ def test_only_plans_are_saved(run, tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize("place", ["a" * 300, "a\0b", Path(*["a" * 200] * 30)])
-def test_names_that_no_file_system_takes_are_refused(run, tmp_path, place):
-    error, words = (InvalidInput, "null character") if "\0" in str(place) else (ResultsNotWritten, "cannot write")
-    with pytest.raises(error, match=words):
-        save_run(run, tmp_path / place)
-    assert os.listdir(tmp_path) == []
-
-
 def test_what_is_read_is_of_one_run(run, tmp_path, monkeypatch):
     """Another run takes the folder's place after its first files were read."""
     folder = save_run(run, tmp_path / "run")
@@ -214,15 +201,6 @@ def test_existing_folders_are_kept(run, tmp_path):
     assert (folder / "plan.json").read_bytes() == before
     save_run(replace(run, motion=replace(run.motion, status=Status.JOINT_LIMIT)), folder, force=True)
     assert load_run(folder).status is Status.JOINT_LIMIT
-    (folder / "notes.txt").write_text("mine")
-    with pytest.raises(ResultsNotWritten, match=r"notes\.txt"):
-        save_run(run, folder, force=True)
-    assert (folder / "notes.txt").read_text() == "mine"
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ResultsNotWritten, match="is a file"):
-        NewFolder(tmp_path / "file", force=True)
-    (tmp_path / "empty").mkdir()
-    assert save_run(run, tmp_path / "empty") == tmp_path / "empty"
 
 
 def test_a_crash_leaves_nothing_behind(run, tmp_path):
@@ -265,6 +243,7 @@ def test_unwritable_places_and_foreign_folders(run, tmp_path):
 
 
 def test_report_reads_well(run, rows):
+    assert all(isinstance(cell, str) for row in list_comparison(list(rows.values())) for cell in row)
     compared = replace(run, comparison=tuple(rows.values()))
     text = report_plan(compared, ["joint_angles.png"]).to_markdown()
     for expected in (
@@ -304,10 +283,6 @@ def test_numbers_for_people():
     ]
 
 
-def test_comparison_rows_are_text(rows):
-    assert all(isinstance(cell, str) for row in list_comparison(list(rows.values())) for cell in row)
-
-
 @pytest.mark.slow
 def test_figures_show_what_was_planned(run, tmp_path):
     figure = joint_angles(run)
@@ -336,8 +311,3 @@ def test_figures_show_what_was_planned(run, tmp_path):
     ]
     for path in paths:
         assert np.std(imread(path)[:, :, :3]) > 0.02, path.name  # not blank
-
-
-def test_figures_come_from_a_stored_run_too(run, tmp_path, no_rendering):
-    save_run(run, tmp_path / "run")
-    assert len(save_figures(load_run(tmp_path / "run"), tmp_path)) == 10

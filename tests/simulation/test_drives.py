@@ -555,6 +555,18 @@ def test_check_takes_control_and_errors_of_drives(command, plan, tmp_path, no_re
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
+        ({"mode": "sideways"}, "mode: expected one of"),
+        ({"hold": -1.0}, "hold: expected"),
+        ({"hold": 0.0}, "hold: expected at least one step"),
+        ({"hold": 1e308}, "hold, time step: expected at most 2000000 steps"),
+        ({"time_step": 0.0}, "time step: expected"),
+        ({"time_step": 1e-320}, "hold, time step: expected at most 2000000 steps"),
+        ({"time_step": 0.2}, r"time step: expected at most 0.04 s"),
+        ({"letting_go": np.nan}, "letting go: expected"),
+        ({"sample": 0.7}, "sample: expected at most"),
+        ({"disturbance": {"mu": 0.1}}, "disturbance: expected a Disturbance"),
+        ({"servo": 3}, "servo: expected a Servo"),
+        ({"mode": "prescribed", "disturbance": Disturbance(start_error=np.zeros(3))}, "start error"),
         ({"disturbance": Disturbance(joint_offset=[0.1, 0.2])}, r"joint offset: expected shape \(3,\), got \(2,\)"),
         ({"disturbance": Disturbance(joint_friction=np.ones(5))}, r"joint friction: expected shape \(3,\), got \(5,\)"),
         ({"mode": "prescribed", "disturbance": Disturbance(joint_offset=0.1)}, "joint offset: expected only with"),
@@ -573,7 +585,7 @@ def test_check_takes_control_and_errors_of_drives(command, plan, tmp_path, no_re
         ),
     ],
 )
-def test_settings_that_do_not_go_together_are_refused(task, settings, message):
+def test_unusable_settings_are_refused(task, settings, message):
     with pytest.raises(InvalidInput, match=message):
         simulate(task, **settings)
 
@@ -581,6 +593,13 @@ def test_settings_that_do_not_go_together_are_refused(task, settings, message):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
+        (lambda: Push(wrench_o=[1, 2, 3]), "expected"),
+        (lambda: Push(wrench_o=np.zeros(6), duration=0.0), "expected"),
+        (lambda: Disturbance(mu=-0.1), "expected"),
+        (lambda: Disturbance(mu=1e308), "expected"),
+        (lambda: Disturbance(mass_factor=0.0), "expected"),
+        (lambda: Disturbance(shake=[1, np.nan, 0]), "expected"),
+        (lambda: Disturbance(pushes=(1,)), "expected"),
         (lambda: Disturbance(stiffness=0.0), "stiffness factor: expected"),
         (lambda: Disturbance(stiffness=1e6), "stiffness factor: expected"),
         (lambda: Disturbance(servo_gain=-1.0), "servo gain: expected"),
