@@ -53,7 +53,7 @@ class Commands:
     @cached_property
     def bare(self) -> Array:
         """Torques of all joints without contact forces on the fingers (N, n) [N m or N]."""
-        return self.squeeze.passage.constraints.middle.torque.squared(self.squeeze.passage.level)
+        return self.squeeze.passage.constraints.middle.torque.at_square(self.squeeze.passage.level)
 
     @property
     def torques(self) -> Array:
@@ -75,14 +75,14 @@ class Commands:
     @property
     def positions(self) -> Array:
         """Of the joints (N, n) [rad or m]: the fingers as much deeper as contacts have to be."""
-        loaded, (closing, first) = self.task.loaded[0], self.closing
+        loaded, (closing, first) = self.task.loaded[0], self.first_closing
         found = np.array(self.squeeze.passage.constraints.middle.q)
         reference = self.task.grasp.forces.final_depths if first is None else first.profile.final_depth
         found[:, loaded.fingers] = closing.q[-1][loaded.finger_dofs] + self._go_deeper(reference)
         return found
 
     @cached_property
-    def closing(self) -> tuple[Motion, ConvexSolution | None]:
+    def first_closing(self) -> tuple[Motion, ConvexSolution | None]:
         """How the grasp's hand closes to the first squeeze of the way, and the forces it then has.
 
         It is planned as any grasp's motion, since surfaces, friction and servos make more of it than depths along
@@ -97,7 +97,7 @@ class Commands:
         first = passage.constraints.middle.wrench
         problem = replace(
             self.task.limits.problem,
-            load=-first.squared(passage.level)[0],
+            load=-first.at_square(passage.level)[0],
             gravity_o=-first.still[0, :3] / self.task.loaded[0].inertia.mass,
             torques=None,
             # A little room, for rounding.

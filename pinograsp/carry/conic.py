@@ -108,7 +108,7 @@ class _Stack:
         return rows[:, self.free], rows @ self.known
 
 
-def assemble(program: CarryProgram) -> Assembly:
+def stack_cones(program: CarryProgram) -> Assembly:
     """The program over cones."""
     stack, N = _Stack(program), program.count
     each = sp.identity(N, format="csr")

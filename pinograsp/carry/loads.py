@@ -37,7 +37,7 @@ class Linear(NamedTuple):
         moving = self.along_a * a[:, None] + self.along_b * b[:, None]
         return Linear(np.zeros_like(moving), moving, self.still)
 
-    def squared(self, y: float) -> Array:
+    def at_square(self, y: float) -> Array:
         """Of a known timing, the values (m, r) at the square of a factor on its speed."""
         return np.asarray(self.along_b * y + self.still)
 
@@ -198,7 +198,7 @@ class LoadedRobot:
 
     def _move(self, path: ArmPath, s: Array) -> tuple[Array, Array, Array]:
         """Positions of all joints and their derivatives by s, each (m, n)."""
-        moving = self.moving(path)
+        moving = self.find_joints(path)
         q = np.tile(self.posture, (len(s), 1))
         slope, bend = np.zeros_like(q), np.zeros_like(q)
         q[:, moving], slope[:, moving], bend[:, moving], _ = path.at(s)
@@ -221,7 +221,7 @@ class LoadedRobot:
         kept = [joint for joint in path.joints if joint not in (*fingers, *self.robot.couplings)]
         return path.only(kept) if 0 < len(kept) < len(path.joints) else path
 
-    def moving(self, path: ArmPath) -> IntArray:
+    def find_joints(self, path: ArmPath) -> IntArray:
         """Where the path's joints are among the robot's."""
         names = list(self.robot.joint_names)
         arm = [names[j] for j in self.arm.tolist()]

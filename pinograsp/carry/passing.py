@@ -8,7 +8,7 @@ from pinograsp.carry.constraints import PathConstraints
 from pinograsp.carry.passage import Passage
 from pinograsp.carry.program import CarrySolution
 from pinograsp.carry.refusals import refuse_path
-from pinograsp.carry.solving import solve
+from pinograsp.carry.solving import solve_carry
 from pinograsp.carry.task import CarryTask
 from pinograsp.carry.timing import Timing
 from pinograsp.spatial import Array
@@ -31,8 +31,8 @@ def pass_fastest(task: CarryTask) -> Passage:
     s = np.linspace(0.0, 1.0, N + 1)
     middle = (s[:-1] + s[1:]) / 2.0
     places = task.constrain(middle, s)
-    found = solve(places.least_time, accuracy=_ACCURACY)
-    if not found.converged:
+    found = solve_carry(places.least_time, accuracy=_ACCURACY)
+    if not found.is_solution:
         raise refuse_path(places, middle, found)
     y = found.y * (1.0 - _SLOWER)
     timing = Timing.of_squares(s, y)
@@ -63,7 +63,7 @@ def pass_timed(task: CarryTask, timing: Timing) -> Passage:
     places = task.constrain(moving.s, ends.s)
     constraints = places.follow(moving.acceleration, moving.speed**2, ends.speed**2, _MOST)
     found, headroom = find_fastest_anywhere(constraints)
-    if not found.converged:
+    if not found.is_solution:
         raise refuse_path(constraints, moving.s, found)
     return Passage(
         timing=timing,
@@ -99,7 +99,7 @@ def pass_smoothly(task: CarryTask, timing: Timing, ramp: float, jerk: Array | No
 
 def find_fastest_anywhere(constraints: PathConstraints) -> tuple[CarrySolution, Array]:
     """How fast each interval may be passed by itself (N,)."""
-    found = solve(constraints.fastest_anywhere, accuracy=_ALONE)
+    found = solve_carry(constraints.fastest_anywhere, accuracy=_ALONE)
     return found, np.asarray(np.sqrt((1.0 - _SLOWER_ALONE) * found.y.reshape(-1, 2).mean(axis=1)))
 
 
@@ -110,5 +110,5 @@ def _measure_jerk(task: CarryTask, timing: Timing) -> Array:
     v, a, j = (part[:, None] for part in moving[1:])
     jerk = np.abs(slope * j + 3.0 * bend * v * a + twist * v**3).max(axis=0)
     found = np.full(task.robot.n, 1e-12)
-    found[task.loaded[0].moving(task.path)] = np.maximum(jerk, 1e-12)
+    found[task.loaded[0].find_joints(task.path)] = np.maximum(jerk, 1e-12)
     return found

@@ -187,7 +187,7 @@ class CarrySolution:
         return (self.objective - self.lower_bound) / max(abs(self.objective), _SMALL)
 
     @property
-    def converged(self) -> bool:
+    def is_solution(self) -> bool:
         """Whether this is a solution."""
         return self.gap < 10 * self.accuracy and self.residual < 10 * self.accuracy
 

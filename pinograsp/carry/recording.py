@@ -23,7 +23,7 @@ def record_plan(task: CarryTask, squeeze: WaySqueeze, fastest: Passage | None, e
     """The plan of a squeeze; ``fastest``: the timing with accelerations that jump, None: the timing was given."""
     passage, problem, x = squeeze.passage, task.limits.problem, squeeze.x
     commands, middle, knots = Commands(task=task, squeeze=squeeze), passage.constraints.middle, passage.knots
-    loads, at_knots = -middle.wrench.squared(passage.level), passage.timing.at(knots)
+    loads, at_knots = -middle.wrench.at_square(passage.level), passage.timing.at(knots)
     limit, binding = _find_limits(passage, fastest)
     return CarryPlan(
         robot=task.robot,
@@ -31,7 +31,7 @@ def record_plan(task: CarryTask, squeeze: WaySqueeze, fastest: Passage | None, e
         path=task.path,
         gravity_o=read_only(task.settings.gravity_o),
         timing=passage.timing,
-        closing=commands.closing[0],
+        closing=commands.first_closing[0],
         contacts=tuple(problem.contacts.names),
         s=read_only(at_knots.s),
         times=read_only(knots),
@@ -40,7 +40,7 @@ def record_plan(task: CarryTask, squeeze: WaySqueeze, fastest: Passage | None, e
         limit=read_only(limit),
         q=read_only(middle.q),
         dq=read_only(middle.speed * np.sqrt(passage.level)),
-        ddq=read_only(middle.acceleration.squared(passage.level)),
+        ddq=read_only(middle.acceleration.at_square(passage.level)),
         torques=read_only(commands.torques),
         loads=read_only(loads),
         forces_o=read_only(np.einsum("kij,nkj->nki", problem.contacts.rotations_oc, commands.local)),
@@ -65,7 +65,7 @@ def record_plan(task: CarryTask, squeeze: WaySqueeze, fastest: Passage | None, e
 
 def _find_cautions(task: CarryTask, commands: Commands, loads: Array) -> tuple[str, ...]:
     """What speaks against the plan; ``loads`` (N, 6) [N, N m]."""
-    loaded, (closing, first) = task.loaded[0], commands.closing
+    loaded, (closing, first) = task.loaded[0], commands.first_closing
     own = doubt_grasp(task.grasp, arm_in_hand=bool(np.isin(loaded.arm, loaded.of_hand).any()))
     own += doubt_path(task.robot, task.path)
     own += doubt_drives(task.robot, commands.squeeze.passage.constraints.middle.q, commands.torques)

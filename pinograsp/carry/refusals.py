@@ -86,9 +86,9 @@ def _find_proof(constraints: PathConstraints, i: int, level: float) -> ConvexSol
         normals = np.column_stack([np.zeros((problem.k, 2)), grasp.spare]).ravel()
         kept = grasp.spare[:, None] * problem.contacts.rotations_oc[:, :, 2]
         if torques is not None:
-            own = one.middle.torque.squared(level)[i, of_hand]
+            own = one.middle.torque.at_square(level)[i, of_hand]
             torques = replace(torques, bias=own + np.einsum("kxn,kx->n", torques.jacobian[:, :3], kept))
-        wrench = one.middle.wrench.squared(level)[i] - problem.contacts.G @ normals
+        wrench = one.middle.wrench.at_square(level)[i] - problem.contacts.G @ normals
         problem = replace(problem, load=-wrench, torques=torques)
         found = optimize_forces(problem, _IMPACT * problem.final_time, objective="peak")
         if found.infeasibility is not None:

@@ -32,7 +32,7 @@ def carry_scene(plan: CarryRecord) -> ViewScene:
     duration = plan.timing.duration
     times = np.linspace(0.0, duration, 1 + int(np.clip(round(_RATE * duration), _FEWEST, _MOST)))
     q = np.tile(held.posture, (len(times), 1))
-    q[:, held.moving(plan.path)] = plan.path.at(plan.timing.at(times).s).q
+    q[:, held.find_joints(plan.path)] = plan.path.at(plan.timing.at(times).s).q
     axes = held.axes(q)
     planned = to_sevens(body.pose)
     colours = contact_colours(contacts.names, grasp.layout.fingers)

@@ -11,11 +11,11 @@ from dataclasses import replace
 import clarabel
 import numpy as np
 
-from pinograsp.carry.conic import Multipliers, assemble
+from pinograsp.carry.conic import Multipliers, stack_cones
 from pinograsp.carry.program import CarryProgram, CarrySolution, measure_times
 from pinograsp.spatial import Array
 
-__all__ = ["solve"]
+__all__ = ["solve_carry"]
 
 _USUAL = 0.5  # of the largest normal forces: mostly they are less
 _DIGITS = 1e-2  # of the accuracy: what Clarabel is asked for
@@ -35,7 +35,7 @@ _ATTEMPTS: tuple[dict[str, float | bool], ...] = (
 )
 
 
-def solve(program: CarryProgram, *, accuracy: float = 1e-8) -> CarrySolution:
+def solve_carry(program: CarryProgram, *, accuracy: float = 1e-8) -> CarrySolution:
     """Solve a program to a relative ``accuracy`` of the objective, or as near to it as rounding lets it come.
 
     Rows of R that no forces of half the largest bring to their limits at rest are left out, and put back where the
@@ -48,7 +48,7 @@ def solve(program: CarryProgram, *, accuracy: float = 1e-8) -> CarrySolution:
         found = _solve_all(scaled.keep_rows(kept), accuracy)
         x = found.x.reshape(program.count, -1)
         broken = ~kept & (scaled.beyond_rows(x, found.y) > accuracy)
-        if not found.converged or not broken.any():
+        if not found.is_solution or not broken.any():
             break
         kept |= broken | scaled.rows_that_may_bind(1.0)
     rows = np.zeros((2, program.count, len(kept)))
@@ -75,7 +75,7 @@ def _usual_sizes(program: CarryProgram) -> tuple[float, float]:
 
 def _solve_all(program: CarryProgram, accuracy: float) -> CarrySolution:
     """The best solution of several attempts, with all rows."""
-    assembly, found = assemble(program), list[CarrySolution]()
+    assembly, found = stack_cones(program), list[CarrySolution]()
     for attempt in _ATTEMPTS:
         settings = clarabel.DefaultSettings()
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _DIGITS * accuracy
@@ -86,7 +86,7 @@ def _solve_all(program: CarryProgram, accuracy: float) -> CarrySolution:
         multipliers = assembly.read_multipliers(np.nan_to_num(answer.z))
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of an answer that is none
             found.append(_certify(program, x, y, multipliers, rounds=answer.iterations, accuracy=accuracy))
-        if found[-1].converged or "PrimalInfeasible" in str(answer.status):
+        if found[-1].is_solution or "PrimalInfeasible" in str(answer.status):
             break
     return min(found, key=lambda one: max(abs(one.gap), one.residual))
 

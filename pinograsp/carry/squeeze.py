@@ -20,7 +20,7 @@ import scipy.sparse as sp
 
 from pinograsp.carry.constraints import PathConstraints
 from pinograsp.carry.passage import Passage
-from pinograsp.carry.solving import solve as solve_program
+from pinograsp.carry.solving import solve_carry
 from pinograsp.checks import brief
 from pinograsp.errors import CarryInfeasible, CarryUndecided
 from pinograsp.forces.conic import Cone, cone_rows, solve
@@ -61,7 +61,7 @@ def squeeze_least(passage: Passage) -> WaySqueeze:
         CarryUndecided: none were found.
     """
     grasp, count = passage.constraints.grasp, passage.constraints.count
-    found = solve_program(passage.constraints.least_forces(np.full(count + 1, passage.level)), accuracy=_FORCES)
+    found = solve_carry(passage.constraints.least_forces(np.full(count + 1, passage.level)), accuracy=_FORCES)
     # Which forces are taken matters less than that they balance the loads.
     least = found.residual < _BALANCED and found.gap < _LEAST
     notes = () if least else ("the forces bear the loads, but they are not the least ones",)
@@ -93,12 +93,12 @@ def squeeze_steadily(passage: Passage, rate: float, *, slower: bool) -> WaySquee
         return find_common_squeeze(every, steps / factor, rate, passage.level * factor**2)
 
     found, factor = search(1.0), 1.0
-    if not found.found:
+    if not found.exists:
         low, high, best = 0.0, 1.0, None
         for _ in range(_HALVINGS):
             factor = (low + high) / 2.0
             tried = search(factor)
-            low, high, best = (factor, high, tried) if tried.found else (low, factor, best)
+            low, high, best = (factor, high, tried) if tried.exists else (low, factor, best)
         if best is None or not slower:
             kind = "constant squeeze" if not rate else f"squeeze that changes by at most {rate:g} N/s"
             at_rest = "not even at rest" if best is None else f"at {low:.3g} times that speed there is one"
@@ -133,7 +133,7 @@ class CommonSqueeze:
     __repr__ = brief("ruled_out", "residual")
 
     @property
-    def found(self) -> bool:
+    def exists(self) -> bool:
         """Whether there is one."""
         return bool(len(self.commanded))
 
@@ -161,7 +161,7 @@ class _CommonProgram:
         self.m = self.N if rate else 1
         lines = [one.alone for one in scenarios]
         wanted = np.stack([line.E.sum(axis=2) * level + line.e for line in lines])
-        wrenches = np.stack([one.middle.wrench.squared(level) * one.wrench_scale for one in scenarios])
+        wrenches = np.stack([one.middle.wrench.at_square(level) * one.wrench_scale for one in scenarios])
         self.size = max(float(np.abs(wanted).max()), 1e-9)
         self.A, self.target = lines[0].A, wanted / self.size
         C = elastic_reaction(problem)

@@ -21,7 +21,7 @@ from pinograsp.forces import (
     refine_multipliers,
 )
 from pinograsp.motion import contact_postures
-from pinograsp.motion.grasp_ik import ContactPath, press
+from pinograsp.motion.grasp_ik import ContactPath, press_points
 from pinograsp.plan import ComparisonRow
 from pinograsp.planner import GraspPlan
 
@@ -216,7 +216,7 @@ def _fit_in_plane_force(plan: GraspPlan, finger: str) -> float:
     still = replace(profile, acceleration=np.zeros(1))
     path = ContactPath([contact], still, [0], np.linspace(profile.impact_time, profile.final_time, 3))
     only = slice(nearest, nearest + 1)
-    (motion,) = press(hand, hand.finger(finger), path, found.angles[only], found.points_l[only])
+    (motion,) = press_points(hand, hand.finger(finger), path, found.angles[only], found.points_l[only])
     J = motion.jacobians[0, 0, :3]
     force = np.linalg.lstsq(J[:, 1:].T, np.array(TORQUES_NM["grasp"][finger][1:]), rcond=1e-9)[0]
     return float(np.linalg.norm(force))

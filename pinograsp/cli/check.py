@@ -281,7 +281,7 @@ def _draw_trials(work: _Work, studies: StudyOptions, errors: Errors | None, fold
 
 def _print_measured(simulation: Simulation, session: Session) -> None:
     """What was measured; where that is much, or the object lost, some of it."""
-    lines, notes = simulation.measured(), [f"note: {note}" for note in simulation.notes]
+    lines, notes = simulation.list_measures(), [f"note: {note}" for note in simulation.notes]
     if session.verbose:
         lines += notes
     elif not simulation.verdict.held:

@@ -19,7 +19,7 @@ from pinograsp.contacts import PALM, Contact, ContactSet
 from pinograsp.errors import ContactNotReached
 from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.jacobian import point_jacobian
-from pinograsp.motion.planar import REACHED, Sampling, closed_form, planar_finger, touching_point
+from pinograsp.motion.planar import REACHED, AngleSampling, closed_form, planar_finger, touching_point
 from pinograsp.spatial import Array
 from pinograsp.words import fixed
 
@@ -122,10 +122,10 @@ def moving_groups(hand: HandModel, contacts: ContactSet) -> list[tuple[Finger, l
             groups.remove(group)
         fingers = list(dict.fromkeys([*(one for group in shared for one in group[0]), finger]))
         groups.append((fingers, sorted([*(j for group in shared for j in group[1]), i])))
-    return [(_joined(fingers), which) for fingers, which in groups]
+    return [(_join_fingers(fingers), which) for fingers, which in groups]
 
 
-def _joined(fingers: list[Finger]) -> Finger:
+def _join_fingers(fingers: list[Finger]) -> Finger:
     """Fingers that share actuators, as one."""
     if len(fingers) == 1:
         return fingers[0]
@@ -154,9 +154,9 @@ def _finger_postures(
     lower, upper = hand.lower[finger.dofs], hand.upper[finger.dofs]
     if reference is None:  # nothing to sample around: the whole range, in steps of a few degrees
         reference = np.clip(np.zeros(finger.n), lower, upper)
-        sampling = Sampling(reference=reference, spread=None, samples=max(samples, 61), lower=lower, upper=upper)
+        sampling = AngleSampling(reference=reference, spread=None, samples=max(samples, 61), lower=lower, upper=upper)
     else:
-        sampling = Sampling(reference=reference, spread=spread, samples=samples, lower=lower, upper=upper)
+        sampling = AngleSampling(reference=reference, spread=spread, samples=samples, lower=lower, upper=upper)
     on_axis = all(contact.point_l is None for contact in contacts)
     planar = planar_finger(hand, finger) if on_axis else None
     if planar is not None:
@@ -216,7 +216,7 @@ def _why(hand: HandModel, finger: Finger, contacts: Sequence[Contact]) -> str:
 
 
 def _numerical(
-    hand: HandModel, finger: Finger, contacts: Sequence[Contact], points_l: Array, sampling: Sampling
+    hand: HandModel, finger: Finger, contacts: Sequence[Contact], points_l: Array, sampling: AngleSampling
 ) -> list[Array]:
     """Damped Newton iterations on all contact points from sampled starts, for fingers without the planar geometry.
 

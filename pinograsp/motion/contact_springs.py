@@ -58,7 +58,7 @@ class ObjectMotion(NamedTuple):
     units: Array
 
 
-def object_motion(problem: ForceProblem) -> ObjectMotion:
+def describe_object_motion(problem: ForceProblem) -> ObjectMotion:
     """The twists of a problem's object."""
     contacts = problem.contacts
     normals, arms = contacts.rotations_oc[:, :, 2], contacts.points_o - contacts.com_o
@@ -71,7 +71,7 @@ def object_motion(problem: ForceProblem) -> ObjectMotion:
     return ObjectMotion(into, np.concatenate([across, about[:, None, :]], axis=1), units)
 
 
-def springs_of(problem: ForceProblem) -> Array:
+def measure_friction_springs(problem: ForceProblem) -> Array:
     """Stiffness of a contact's friction (4,) [N/m, N m]: along the surface, and about the normal of a soft finger."""
     return TANGENTIAL * np.array([1.0, 1.0, 1.0, problem.friction.torsion**2])
 
@@ -97,7 +97,7 @@ class Contacts:
     ):
         self.problem, self.depths, self.k = problem, depths, problem.k
         self.soft = problem.friction.torsion > 0
-        self.law, springs = problem.compliance, springs_of(problem)
+        self.law, springs = problem.compliance, measure_friction_springs(problem)
         self.springs = springs if self.soft else springs[:3]
         # Springs slip where they are stretched further than this per newton [m/N, 1/N].
         self.slack = np.asarray(problem.mu) / TANGENTIAL
@@ -106,7 +106,7 @@ class Contacts:
         self.columns = np.empty((self.k, 1 + rows, twists + n))
         self.own, self.units = np.zeros(twists + n), np.zeros(twists + n)
         if free:
-            into, moves, self.units[:6] = object_motion(problem) if motion is None else motion
+            into, moves, self.units[:6] = describe_object_motion(problem) if motion is None else motion
             self.columns[:, 0, :6], self.columns[:, 1:, :6] = into, moves[:, :rows]
         if servos is not None:
             # Links that go in deepen what the object lessens.
@@ -120,7 +120,7 @@ class Contacts:
         self._live, self._pairs = live, np.ix_(live, live)
         self._scale = units[live, None] * units[live]
 
-    def known(self, since: Array, stretched: Array, depths: Array | None = None) -> Array:
+    def displace(self, since: Array, stretched: Array, depths: Array | None = None) -> Array:
         """z_0 (k, r), where friction's springs were ``stretched`` (k, 4) [m, rad] at the motions ``since`` (p,).
 
         ``depths`` (k,) [m] before any motion: other ones than the contacts' own.
@@ -132,7 +132,7 @@ class Contacts:
 
     def at(self, y: Array, since: Array, stretched: Array) -> Now:
         """After the motions ``y`` (p,), where friction's springs were ``stretched`` (k, 4) at ``since`` (p,)."""
-        return Now(self, self.known(since, stretched), y)
+        return Now(self, self.displace(since, stretched), y)
 
     def size(self, left: Array) -> float:
         """Of what is left (p,) [N]."""
@@ -187,13 +187,13 @@ class Now:
         limit = self.normal if capped is None else capped
         self._asked = asked = found[:, 1:]
         self._pull = [np.sqrt(np.einsum("ki,ki->k", asked[:, :3], asked[:, :3]))]
-        self._gripped = [_kept(self._pull[0], contacts.slack * limit)]
+        self._gripped = [_share_kept(self._pull[0], contacts.slack * limit)]
         self._forces = forces = np.empty_like(found)
         forces[:, 0] = self.normal
         forces[:, 1:4] = asked[:, :3] * (TANGENTIAL * self._gripped[0])[:, None]
         if contacts.soft:
             self._pull.append(np.abs(asked[:, 3]))
-            self._gripped.append(_kept(self._pull[1], contacts.slack_about * limit))
+            self._gripped.append(_share_kept(self._pull[1], contacts.slack_about * limit))
             forces[:, 4] = asked[:, 3] * (contacts.springs[3] * self._gripped[1])
         self.left = forces.ravel() @ contacts.flat - contacts.own * y
 
@@ -282,7 +282,7 @@ class Capped(Now):
         return self._against(self._slopes())
 
 
-def _kept(pull: Array, most: Array) -> Array:
+def _share_kept(pull: Array, most: Array) -> Array:
     """The share (k,) of what springs are asked to stretch that is left where they slip beyond ``most``."""
     return np.minimum(1.0, (most + _TINY) / (pull + _TINY))
 

@@ -82,7 +82,7 @@ class ContactPath:
         self.fastest = rate.max(axis=0)
 
 
-def press(
+def press_points(
     hand: HandModel,
     finger: Finger,
     path: ContactPath,

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pinograsp.forces import ForceProblem
-from pinograsp.motion.contact_springs import Capped, Contacts, Now, ObjectMotion, Servos, springs_of
+from pinograsp.motion.contact_springs import Capped, Contacts, Now, ObjectMotion, Servos, measure_friction_springs
 from pinograsp.motion.rounds import REST
 from pinograsp.spatial import Array
 
@@ -76,7 +76,7 @@ def friction_built_up(
         held = Contacts(problem, depths[i], servos=None if servos is None else servos[i], free=False)
         for part in np.arange(1, REST.parts + 1) / REST.parts:
             deep = depths[i - 1] + part * (depths[i] - depths[i - 1])
-            known = held.known(given, stretched + (slid[i] - slid[i - 1]) / REST.parts, deep)
+            known = held.displace(given, stretched + (slid[i] - slid[i - 1]) / REST.parts, deep)
             if servos is None:
                 now = Now(held, known, given)
             else:
@@ -84,7 +84,7 @@ def friction_built_up(
                 now = _rest(held, sent, known, given, given + (given - before))
                 before, given = given, now.y
             stretched = now.stretched
-    return Pressed(stretched * springs_of(problem), given)
+    return Pressed(stretched * measure_friction_springs(problem), given)
 
 
 def let_go(
@@ -98,7 +98,7 @@ def let_go(
 
     ``motion``: the twists of the problem's object, where they are known already.
     """
-    contacts, springs = Contacts(problem, depths, servos=servos, motion=motion), springs_of(problem)
+    contacts, springs = Contacts(problem, depths, servos=servos, motion=motion), measure_friction_springs(problem)
     pull = np.concatenate([problem.load, np.zeros(0) if servos is None else servos.torques])
     y = np.concatenate([np.zeros(6), pressed.given])
     stretched = pressed.friction / np.where(springs > 0, springs, 1.0)
@@ -109,7 +109,7 @@ def let_go(
         # Forces that do not balance the moments let the object turn far, and there is more than one rest.
         ahead = now.y + (now.y - before) if problem.balance == "wrench" else None
         before = now.y
-        known = contacts.known(before, stretched)
+        known = contacts.displace(before, stretched)
         now = _rest(contacts, pull + support * (1 - stage / REST.stages), known, before, ahead)
         stretched = now.stretched
     balanced = contacts.size(now.left + pull) < REST.nearly * float(now.normal.sum())

@@ -128,24 +128,11 @@ class OnlineForces:
             raise InvalidInput("OnlineForces: q is a posture of the hand: give hand=..., too")
         least, largest = self._range(normal_forces)
         links = np.zeros((0, 3), dtype=np.int64) if hand is None else self._attach(hand, q)
-        under = None if problem.torques is None else problem.torques.underactuation
-        self._setup = {
-            "contacts": problem.k,
-            "components": friction.d,
-            "round": friction.round_dimensions,
-            "rows": problem.rows,
-            "torsion": friction.torsion,
-            "arm": problem.moment_length,
-            "safety": friction.safety,
+        self._setup = self._list_sizes() | {
             "ramp": min(1.0, self.period / ramp) if ramp else 1.0,
             "most_steps": integer("most steps", max_steps, at_least=1, at_most=10_000),
             "most_rate": rate,
-            "joints": 0 if hand is None else hand.n,
             "links": links,
-            "limited": [] if problem.torques is None else np.flatnonzero(problem.torques.limited).tolist(),
-            "couplings": np.zeros((0, 0)) if under is None else np.array(under.rows, dtype=float),
-            "coupled": [] if under is None else np.asarray(under.torques).tolist(),
-            "borne": 0.0 if under is None else float(under.friction),
         }
         try:
             self._loop = loop = core.load().Loop(**self._setup)
@@ -167,6 +154,25 @@ class OnlineForces:
         self._keeps = one_of("invalid", invalid, get_args(Invalid)) == "keep"
         self._give = self._servos(stiffness)
         self.positions = np.zeros(0) if self._give is None else self._posture.copy()
+
+    def _list_sizes(self) -> dict[str, Any]:
+        """What the core is set up with of the problem and the hand."""
+        problem, friction, torques = self.problem, self.problem.friction, self.problem.torques
+        under = None if torques is None else torques.underactuation
+        return {
+            "contacts": problem.k,
+            "components": friction.d,
+            "round": friction.round_dimensions,
+            "rows": problem.rows,
+            "torsion": friction.torsion,
+            "arm": problem.moment_length,
+            "safety": friction.safety,
+            "joints": 0 if self.hand is None else self.hand.n,
+            "limited": [] if torques is None else np.flatnonzero(torques.limited).tolist(),
+            "couplings": np.zeros((0, 0)) if under is None else np.array(under.rows, dtype=float),
+            "coupled": [] if under is None else np.asarray(under.torques).tolist(),
+            "borne": 0.0 if under is None else float(under.friction),
+        }
 
     @property
     def steps(self) -> int:
@@ -297,14 +303,14 @@ class OnlineForces:
         """
         try:
             if q is not None or poses is not None or mu is not None:
-                load = _checked("load", load, (6,), _HUGE)
+                load = _check_array("load", load, (6,), _HUGE)
                 self._update(q, poses, mu)
             try:
                 code = self._tick(load)
             except TypeError:  # no array of six numbers
-                code = self._tick(_checked("load", load, (6,), _HUGE))
+                code = self._tick(_check_array("load", load, (6,), _HUGE))
             if code < 0:
-                _checked("load", load, (6,), _HUGE)
+                _check_array("load", load, (6,), _HUGE)
                 raise InvalidInput(f"OnlineForces: expected contacts and gravity torques below {_HUGE:g}")
         except InvalidInput:
             if not self._keeps:
@@ -324,13 +330,13 @@ class OnlineForces:
         if q is not None:
             if self.hand is None:
                 raise InvalidInput("q: expected none, there is no hand")
-            posture = _checked("q", q, (self.hand.n,), _FAR)
+            posture = _check_array("q", q, (self.hand.n,), _FAR)
         if poses is not None:
-            frames = _checked("poses", poses, (k, 4, 4), _FAR)
+            frames = _check_array("poses", poses, (k, 4, 4), _FAR)
             if not are_rotations(frames[:, :3, :3]).all():
                 raise InvalidInput("poses: expected contact frames with orthonormal right-handed rotations")
         if mu is not None:
-            each = _checked("mu", each_of("mu", mu, k), (k,), _FAR)
+            each = _check_array("mu", each_of("mu", mu, k), (k,), _FAR)
             if each.min() < 0:
                 raise InvalidInput(f"mu: expected friction coefficients >= 0, got {shown(each.tolist())}")
             self._loop.rub(each)
@@ -341,7 +347,7 @@ class OnlineForces:
             self._loop.gravity(self._gravity)
 
 
-def _checked(name: str, value: ArrayLike, shape: tuple[int, ...], limit: float) -> Array:
+def _check_array(name: str, value: ArrayLike, shape: tuple[int, ...], limit: float) -> Array:
     """A contiguous array of finite numbers up to ``limit``; quick where it is one."""
     if type(value) is np.ndarray and value.shape == shape and value.dtype == np.float64 and value.flags.c_contiguous:
         array: Array = value

@@ -26,7 +26,7 @@ _STRAIGHT = 1e-9  # [m, -] how exactly a finger must be planar for the closed fo
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sampling:
+class AngleSampling:
     """Which angles are tried of a joint that the contact points leave free.
 
     Attributes:
@@ -106,7 +106,7 @@ def planar_finger(hand: HandModel, finger: Finger) -> PlanarFinger | None:
 
 
 def closed_form(
-    hand: HandModel, finger: Finger, planar: PlanarFinger, contacts: Sequence[Contact], sampling: Sampling
+    hand: HandModel, finger: Finger, planar: PlanarFinger, contacts: Sequence[Contact], sampling: AngleSampling
 ) -> tuple[list[Array], list[Array]]:
     """Candidates in closed form: base joint by Eq. (1), then the sub-manipulators one after the other.
 
@@ -144,7 +144,7 @@ def _planar_chain(
     planar: PlanarFinger,
     contacts: Sequence[Contact],
     targets: Sequence[complex],
-    sampling: Sampling,
+    sampling: AngleSampling,
 ) -> Iterator[tuple[Array, list[float]]]:
     """Yield (flexion angles, contact lengths used) of every branch, working outwards contact by contact.
 
@@ -170,7 +170,7 @@ def _planar_chain(
 
 def _sub_manipulator(
     planar: PlanarFinger,
-    sampling: Sampling,
+    sampling: AngleSampling,
     first: int,
     last: int,
     position: complex,
@@ -211,7 +211,7 @@ def _sub_manipulator(
 
 def _two_links(
     planar: PlanarFinger,
-    sampling: Sampling,
+    sampling: AngleSampling,
     first: int,
     position: complex,
     turn: float,

@@ -13,7 +13,7 @@ from pinograsp.contacts import PALM
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.forces import ForceSolution
 from pinograsp.hands import HandModel
-from pinograsp.motion.contact_springs import Servos, object_motion
+from pinograsp.motion.contact_springs import Servos, describe_object_motion
 from pinograsp.motion.jacobian import point_jacobians
 from pinograsp.motion.rounds import PRESS
 from pinograsp.spatial import Array
@@ -73,7 +73,7 @@ class PressSolver:
         self.shifts = np.column_stack([self.normals, np.cross(arms, self.normals)])
         # Rigid motions of the object by the displacements of its contacts that they cause.
         arm = max(1e-3, float(np.sqrt((arms**2).sum(axis=1).mean())))
-        self.motion = object_motion(self.problem)
+        self.motion = describe_object_motion(self.problem)
         self.joint_costs = np.where(hand.slides, 1.0 / _STROKE, 1.0)
         self.shift_costs = np.repeat([1.0, arm], 3) / _SHIFTING
         # Joints of no finger, of a wrist, stay.

@@ -30,7 +30,7 @@ from pinograsp.motion.approach import (
     take_turns,
 )
 from pinograsp.motion.contact_ik import MOST_SAMPLES, ContactPostures, find_postures, moving_groups
-from pinograsp.motion.grasp_ik import ContactPath, FingerMotion, press
+from pinograsp.motion.grasp_ik import ContactPath, FingerMotion, press_points
 from pinograsp.motion.jacobian import contact_jacobian
 from pinograsp.motion.obstacles import Obstacles
 from pinograsp.motion.press_solver import TRACKED
@@ -174,7 +174,7 @@ class _Planning:
             self.closing.append(finger)
         else:
             wanted = ContactPath([contacts[i] for i in which], self.profile, which, self.after)
-            candidates = press(hand, finger, wanted, found.angles, found.points_l)
+            candidates = press_points(hand, finger, wanted, found.angles, found.points_l)
             paths = [self.with_approach(motion, start) for motion in candidates]
         torques = [contact_torques(motion.jacobians, self.wrenches_o[:, which]) for motion in candidates]
         chosen = self.choose(finger, candidates, paths, torques)

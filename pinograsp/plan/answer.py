@@ -68,7 +68,7 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
             lost = f": lost in simulation under disturbances; {reason}."
             return _answer("caution", "Not with what it was tried with", lost)
         return _answer("no", "No", f". Lost in simulation: {reason}.")
-    tried = f" {_seen(plan)}" if simulation is None else " Held in simulation."
+    tried = f" {_describe_trial(plan)}" if simulation is None else " Held in simulation."
     if status is not Status.OK:
         level: Level = "no" if status.answer == "The plan is not complete" and simulation is None else "caution"
         return _answer(level, status.answer, _without_success(plan, status, "" if level == "no" else tried))
@@ -103,7 +103,7 @@ def no_grasp(status: Status) -> Answer:
     return _answer("no", status.answer, f" ({status}).")
 
 
-def _seen(plan: PlanRecord) -> str:
+def _describe_trial(plan: PlanRecord) -> str:
     """What was simulated as the plan was chosen."""
     told = [one for one in (*plan.cautions, *plan.notes) if one.startswith(SIMULATED)]
     return f"{told[0][0].upper()}{told[0][1:]}." if told else "Not simulated yet."
@@ -190,7 +190,7 @@ def bears(plan: PlanRecord) -> str:
     margins = plan.require_margins()
     text = f"a push of {number(margins.disturbance_force, 3)} N in any direction"
     if plan.body_mass == 0:
-        return f"{text}; {load_factor(margins)}"
+        return f"{text}; {describe_load_factor(margins)}"
     shake = margins.disturbance_force / plan.body_mass
     held = margins.load_factor
     mass = "any mass" if not np.isfinite(held) else f"{number(held, 3)} times its mass"
@@ -222,7 +222,7 @@ def _percent(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def load_factor(margins: PlanMargins) -> str:
+def describe_load_factor(margins: PlanMargins) -> str:
     """The load that the normal forces hold."""
     held = margins.load_factor
     return f"{held:.3g} times the load" if np.isfinite(held) else "any multiple of the load"
@@ -249,7 +249,7 @@ def list_margins(plan: PlanRecord) -> list[tuple[str, str]]:
     )
     return [
         *((what, shares(values)) for what, values in friction_used(plan)),
-        ("load held by these forces", load_factor(margins)),
+        ("load held by these forces", describe_load_factor(margins)),
         ("disturbance held besides", disturbance_held(margins, plan.friction.safety)),
         ("grasp", quality),
     ]

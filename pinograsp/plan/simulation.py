@@ -203,11 +203,11 @@ class Simulation(History):
             f"{'HELD' if v.held else 'LOST'}: {v.reason}",
             *(f"  why: {cause}" for cause in v.causes),
             *(f"  what helps: {remedy}" for remedy in v.remedies),
-            *(f"  {line}" for line in self.measured()),
+            *(f"  {line}" for line in self.list_measures()),
         ]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
-    def measured(self) -> list[str]:
+    def list_measures(self) -> list[str]:
         """Motions, forces and limits, a line each, without the verdict."""
         v = self.verdict
         lines = [

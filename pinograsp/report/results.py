@@ -10,12 +10,12 @@ from pinograsp.pages import LONGEST
 from pinograsp.plan import ComparisonRow, PlanRecord, Simulation
 from pinograsp.plan.answer import (
     bears,
+    describe_load_factor,
     does_it_hold,
     friction_model,
     friction_used,
     list_forces,
     list_margins,
-    load_factor,
     planned_reserve,
     where_the_hand_is,
     work,
@@ -34,7 +34,7 @@ def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> 
     if certificate is not None:
         share = max(certificate.relative_gap, 0.0)
         energy += f"; proven to be within {share:.0e} (relative) of the least {_objective(plan)}"
-    margin = f"the squeeze holds {load_factor(plan.require_margins())}"
+    margin = f"the squeeze holds {describe_load_factor(plan.require_margins())}"
     for what, values in friction_used(plan):
         used = [value for value in values.values() if math.isfinite(value)]
         margin += f"; {what}: up to {100 * max(used):.0f} %" if used else ""

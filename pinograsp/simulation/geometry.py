@@ -8,7 +8,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands.geometry import hull_of
 from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
 from pinograsp.objects.body import Body
-from pinograsp.simulation.surface import Surface
+from pinograsp.simulation.surface import MeshSurface
 from pinograsp.spatial import Array
 
 _HOLLOW = 1e-3  # share by which the convex hull's volume exceeds that of a mesh that is not convex
@@ -30,7 +30,7 @@ def _is_hollow(mesh: coal.BVHModelBase, hull: coal.ConvexBase) -> bool:
     return bool(abs(mesh.computeVolume()) < (1 - _HOLLOW) * abs(hull.computeVolume()))
 
 
-def object_shape(body: Body, notes: list[str]) -> coal.ShapeBase | Surface:
+def object_shape(body: Body, notes: list[str]) -> coal.ShapeBase | MeshSurface:
     """The object's shape in its own frame: convex, or the triangles of a mesh that is not.
 
     Raises:
@@ -50,7 +50,7 @@ def object_shape(body: Body, notes: list[str]) -> coal.ShapeBase | Surface:
     if not _is_hollow(shape, hull):
         return hull
     notes.append("'object' is not convex: its own triangles are used, by coal's distances")
-    return Surface(body)
+    return MeshSurface(body)
 
 
 def convex_shapes(body: Body, notes: list[str]) -> list[coal.ShapeBase]:
@@ -61,7 +61,7 @@ def convex_shapes(body: Body, notes: list[str]) -> list[coal.ShapeBase]:
     """
     found: list[str] = []
     shape = object_shape(body, found)
-    if not isinstance(shape, Surface) or not isinstance(body, Mesh):
+    if not isinstance(shape, MeshSurface) or not isinstance(body, Mesh):
         notes += found
         return [shape]
     parts = body.convex_parts

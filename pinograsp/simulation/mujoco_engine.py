@@ -14,7 +14,7 @@ from pinograsp.simulation.law import NO_TOUCHES, Displacements, Pressing, Touche
 from pinograsp.simulation.overlaps import Collider
 from pinograsp.simulation.scene import build
 from pinograsp.simulation.settings import Servo
-from pinograsp.simulation.surface import Surface
+from pinograsp.simulation.surface import MeshSurface
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, IntArray
 
@@ -80,7 +80,7 @@ class MujocoEngine:
         self.object = model.body("object").id
         # MuJoCo's geometry is convex: overlaps with an object that is not come from coal.
         shape = object_shape(task.body, [])
-        self.collider = Collider(hand, shape) if isinstance(shape, Surface) else None
+        self.collider = Collider(hand, shape) if isinstance(shape, MeshSurface) else None
         self.object_q, self.object_v = model.jnt_qposadr[model.body_jntadr[self.object]], model.body_dofadr[self.object]
         # Pinocchio's joint of each of MuJoCo's bodies; -1: the object.
         self.part_of_body = np.array(

@@ -38,18 +38,22 @@ class StudySettings(SimulationSettings, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SimulationOptions:
-    """The checked arguments of :func:`~pinograsp.simulation.simulate`, which says what they mean.
+    """The checked arguments of :func:`~pinograsp.simulation.simulate`.
 
     Attributes:
-        hold: [s].
-        mode: ``"servo"`` or ``"prescribed"``.
+        hold: time after the object's support is gone [s]; with a release, at least one step.
+        mode: ``"servo"``; or ``"prescribed"``: joints follow the commands exactly.
         disturbance: differences from the plan.
-        servo: control of the joints; None: the hand's own servos.
-        time_step: [s].
-        sample: [s].
-        release: whether the object is let go.
-        support: of the object until the hand carries it.
-        letting_go: [s].
+        servo: control of the joints and gains; None: the hand's own servos, :meth:`Servo.of`.
+        time_step: at most 0.05 s, and two million steps in all [s]. An object that swings too fast on its contacts
+            for it, since it is light or harder than planned, gets one up to 20 times shorter, with a note.
+        sample: interval between samples of the record [s].
+        release: False: the object stays fixed to the end.
+        support: what bears the object until then: ``"fixed"``: it cannot move until t_F (as in the paper);
+            ``"table"``: it stands freely on a table under it, so that whatever hits it on the way moves it (the hand
+            itself passes through the table); ``"none"``: from t_I on nothing but the hand holds it.
+        letting_go: time that the support takes to fade after t_F [s]; 0: the support vanishes at once, which
+            doubles the load for a moment.
     """
 
     hold: float = defaults.HOLD

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 
 from pinograsp.hands import HandModel
 from pinograsp.simulation.geometry import make_convex
-from pinograsp.simulation.surface import Deepest, Surface
+from pinograsp.simulation.surface import Deepest, MeshSurface
 from pinograsp.spatial import Array
 
 _NEAR = 2e-4  # [m] parts farther apart are skipped until they may have come closer
@@ -198,7 +198,7 @@ class _Pose(NamedTuple):
 class Collider:
     """Overlaps of the hand's geometry with an object that is not convex, see :mod:`pinograsp.simulation.surface`."""
 
-    def __init__(self, hand: HandModel, surface: Surface):
+    def __init__(self, hand: HandModel, surface: MeshSurface):
         parts = [
             _Part(one.parentJoint, one.placement, shape)
             for one in hand.geometry.geometryObjects

@@ -13,7 +13,7 @@ from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
 from pinograsp.simulation.geometry import convex_shapes, make_convex, object_shape
 from pinograsp.simulation.settings import Servo
-from pinograsp.simulation.surface import Surface
+from pinograsp.simulation.surface import MeshSurface
 from pinograsp.spatial import Array
 
 _HAND, _OBJECT = {"contype": 1, "conaffinity": 2}, {"contype": 2, "conaffinity": 1}  # the hand does not touch itself
@@ -121,7 +121,7 @@ def outline(
     notes += [f"the object has {text}" for text in changed]
     shapes = convex_shapes(body, notes) if presses else [object_shape(body, notes)]
     for number, shape in enumerate(shapes, 1):
-        if not isinstance(shape, Surface):  # MuJoCo would take its convex hull
+        if not isinstance(shape, MeshSurface):  # MuJoCo would take its convex hull
             name = "object" if len(shapes) == 1 else f"object {number}"
             _add_geom(spec, free, shape, placement, name, found | _OBJECT)
     return spec, notes

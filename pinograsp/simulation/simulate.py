@@ -5,38 +5,35 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinograsp import defaults
 from pinograsp.checks import each_of
 from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.simulation.law import ContactForces
 from pinograsp.simulation.mujoco_engine import MujocoEngine
-from pinograsp.simulation.options import Mode, SimulationOptions
+from pinograsp.simulation.options import Mode, SimulationOptions, SimulationSettings
 from pinograsp.simulation.record import record_trial
 from pinograsp.simulation.schedule import TANGENTIAL, plan_schedule
-from pinograsp.simulation.settings import Disturbance, Servo, Support
+from pinograsp.simulation.settings import Disturbance
 from pinograsp.simulation.stepping import Trial
 from pinograsp.simulation.task import Task
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
-# Eleven options beside the plan: simulations may differ in each of them.
+
 def simulate(
     plan: PlanRecord | Task | str | Path,
     *,
-    hold: float = defaults.HOLD,
     mode: Mode = "servo",
     disturbance: Disturbance | None = None,
-    servo: Servo | None = None,
-    time_step: float = defaults.TIME_STEP,
-    sample: float = 2e-3,
     release: bool = True,
-    support: Support = "fixed",
-    letting_go: float = 0.2,
     body: Body | None = None,
+    **settings: Unpack[SimulationSettings],
 ) -> Simulation:
     """Simulate a plan with a free object, and judge whether the grasp holds.
 
@@ -48,39 +45,21 @@ def simulate(
 
     Args:
         plan: a plan, the folder of a run, or a task.
-        hold: time after the object's support is gone [s]; with a release, at least one step.
         mode: ``"servo"``; or ``"prescribed"``: joints follow the commands exactly, whatever torque that takes (as in
             the paper's Adams model).
         disturbance: differences from the plan.
-        servo: control of the joints and gains; default :meth:`Servo.of`.
-        time_step: at most 0.05 s, and two million steps in all [s]. An object that swings too fast on its contacts
-            for it, since it is light or harder than planned, gets one up to 20 times shorter, with a note.
-        sample: interval between samples of the record [s].
         release: False: the object stays fixed to the end.
-        support: what bears the object until then: ``"fixed"``: it cannot move until t_F (as in the paper);
-            ``"table"``: it stands freely on a table under it, so that whatever hits it on the way moves it (the hand
-            itself passes through the table); ``"none"``: from t_I on nothing but the hand holds it.
-        letting_go: time that the support takes to fade after t_F [s]; 0: the support vanishes at once, which
-            doubles the load for a moment.
         body: the object, where the plan has none.
+        **settings: hold, servo, time_step, sample, support and letting_go, as for
+            :class:`~pinograsp.simulation.options.SimulationOptions`.
 
     Raises:
         InvalidInput: a plan without contacts of a hand, or unusable settings.
         SimulationDiverged: velocities beyond reason: take a smaller time step or softer servos.
     """
     task = Task.of(plan, body)
-    options = SimulationOptions(
-        hold=hold,
-        mode=mode,
-        disturbance=Disturbance() if disturbance is None else disturbance,
-        servo=servo,
-        time_step=time_step,
-        sample=sample,
-        release=release,
-        support=support,
-        letting_go=letting_go,
-    )
-    return simulate_task(task, options)
+    disturbance = Disturbance() if disturbance is None else disturbance
+    return simulate_task(task, SimulationOptions(mode=mode, disturbance=disturbance, release=release, **settings))
 
 
 def simulate_task(task: Task, options: SimulationOptions) -> Simulation:

@@ -83,7 +83,7 @@ class Face(NamedTuple):
         return [self.pieces[i] for i in np.flatnonzero((away * away).sum(axis=1) < (self.radii + radius) ** 2)]
 
 
-class Surface:
+class MeshSurface:
     """The triangles of an object that is not convex, in the shape's own frame."""
 
     def __init__(self, mesh: Mesh):

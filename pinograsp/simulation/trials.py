@@ -32,8 +32,8 @@ Case: TypeAlias = tuple[Task, SimulationOptions] | str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """Outcome of one simulation.
+class TrialOutcome:
+    """TrialOutcome of one simulation.
 
     Attributes:
         held: whether the object stayed in the hand.
@@ -84,7 +84,7 @@ def _read_case(path: str) -> tuple[Task, SimulationOptions]:
     return case
 
 
-def run_trial(case: Case, disturbance: Disturbance, mu_factor: float = 1.0) -> Outcome:
+def run_trial(case: Case, disturbance: Disturbance, mu_factor: float = 1.0) -> TrialOutcome:
     """Simulate a task; ``mu_factor`` scales the friction of every contact, unless the disturbance sets mu."""
     task, options = _read_case(case) if isinstance(case, str) else case
     if mu_factor != 1.0:
@@ -92,5 +92,5 @@ def run_trial(case: Case, disturbance: Disturbance, mu_factor: float = 1.0) -> O
     try:
         verdict = simulate_task(task, replace(options, disturbance=disturbance)).verdict
     except SimulationDiverged as error:
-        return Outcome(held=False, reason=str(error), drift=None)
-    return Outcome(held=verdict.held, reason="; ".join((verdict.reason, *verdict.causes[:1])), drift=verdict.drift)
+        return TrialOutcome(held=False, reason=str(error), drift=None)
+    return TrialOutcome(held=verdict.held, reason="; ".join((verdict.reason, *verdict.causes[:1])), drift=verdict.drift)

@@ -52,7 +52,7 @@ class NewFolder:
             undo.enter_context(_claim(self.place, mark(self.place)))
             _restore(self.place)
             self._check(self.place)
-            self.staging = undo.enter_context(_staging(mark(self.place)))
+            self.staging = undo.enter_context(_make_staging(mark(self.place)))
             self._undo = undo.pop_all()
 
     @classmethod
@@ -169,7 +169,7 @@ def add_files(folder: str | Path, fill: Callable[[Path], None]) -> None:
     with write_errors(folder):
         place = place_of(folder)
         added = place / f"{ASIDE}added"
-        with _claim(added, added), _staging(added) as staging:
+        with _claim(added, added), _make_staging(added) as staging:
             fill(staging)
             new = sorted(staging.iterdir())
             for path in new:
@@ -210,7 +210,7 @@ def _claim(place: Path, mark_of_place: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _staging(mark: Path) -> Iterator[Path]:
+def _make_staging(mark: Path) -> Iterator[Path]:
     """A new folder under a mark, removed again where it is not moved."""
     staging = stage(mark)
     staging.mkdir()

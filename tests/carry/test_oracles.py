@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import ConvexHull
 from whole_carries import by_ecos, random_carry
 
-from pinograsp.carry.solving import solve
+from pinograsp.carry.solving import solve_carry
 from pinograsp.contacts import Friction
 
 
@@ -17,11 +17,11 @@ def compared(arm, seeds, intervals):
     worst, held = 0.0, 0
     for seed in seeds:
         program = random_carry(arm, seed).constrain(intervals).least_time
-        found = solve(program)
+        found = solve_carry(program)
         time = by_ecos(program)
         # Both find one, or neither does.
-        assert found.converged == (time is not None), (seed, found.gap, found.residual)
-        if found.converged:
+        assert found.is_solution == (time is not None), (seed, found.gap, found.residual)
+        if found.is_solution:
             held += 1
             worst = max(worst, abs(found.objective / time - 1.0))
             assert found.lower_bound <= time * (1 + 1e-7)
@@ -66,10 +66,10 @@ def test_the_same_time_as_topp_ra_on_pyramids(arm, seed):
     count = 2000
     pyramid = Friction(model="pyramid", edges=4)
     drawn = (random_carry(arm, 100 * seed + i, k=3, friction=pyramid) for i in range(99))
-    carry = next(one for one in drawn if solve(one.constrain(40).least_time).converged)
+    carry = next(one for one in drawn if solve_carry(one.constrain(40).least_time).is_solution)
     carry = replace(carry, limits=replace(carry.limits, torque=np.full(arm.n, np.inf)))
     programs = carry.constrain(count)
-    ours = solve(programs.least_time)
+    ours = solve_carry(programs.least_time)
     F, g = wrench_limits(programs)
     s = np.linspace(0.0, 1.0, count + 1)
     nodes = carry.carried.along(carry.path, s, np.array([0.0, 0.0, -9.81]))

@@ -7,7 +7,7 @@ import pytest
 from whole_carries import by_ecos, pairs
 
 from pinograsp.carry.program import CarryProgram, measure_times
-from pinograsp.carry.solving import solve
+from pinograsp.carry.solving import solve_carry
 from pinograsp.contacts import Friction
 
 CONE, SOFT, PYRAMID = Friction(model="cone"), Friction(model="soft", torsion=0.01), Friction(model="pyramid", edges=6)
@@ -63,8 +63,8 @@ def some_program(seed, friction, *, N=25, k=4, rows=0):
 @pytest.mark.parametrize("seed", range(2))
 def test_the_least_time_is_that_of_another_solver(friction, rows, seed):
     program = some_program(seed, friction, rows=rows)
-    found, objective = solve(program), by_ecos(program)
-    assert found.converged
+    found, objective = solve_carry(program), by_ecos(program)
+    assert found.is_solution
     assert found.gap < 1e-6
     assert found.objective == pytest.approx(objective, rel=1e-6)
     assert found.lower_bound <= objective * (1 + 1e-6)
@@ -73,7 +73,7 @@ def test_the_least_time_is_that_of_another_solver(friction, rows, seed):
 @pytest.mark.parametrize("friction", [CONE, SOFT, PYRAMID], ids=["cone", "soft", "pyramid"])
 def test_the_solution_keeps_to_the_program(friction):
     program = some_program(9, friction, rows=4)
-    found = solve(program)
+    found = solve_carry(program)
     N, p = program.count, found.y[program.nodes]
     flat = found.x.reshape(N, -1)
     np.testing.assert_allclose(flat @ program.A.T, np.einsum("nbj,nj->nb", program.E, p) + program.e, atol=1e-6)
@@ -93,14 +93,14 @@ def test_the_solution_keeps_to_the_program(friction):
 def test_few_facets_at_their_limits_cost_no_digits():
     """One facet of a contact weighs 1e18 times what others do then."""
     for seed in range(15):
-        found = solve(some_program(seed, Friction(model="pyramid", edges=4), k=3), accuracy=1e-9)
+        found = solve_carry(some_program(seed, Friction(model="pyramid", edges=4), k=3), accuracy=1e-9)
         assert max(found.gap, found.residual) < 1e-8, seed
 
 
 def test_no_speeds_beat_the_lower_bound():
     """Slower timings of the same forces' program are feasible, and none is below the bound."""
     program = some_program(2, CONE)
-    found = solve(program)
+    found = solve_carry(program)
     for share in (0.3, 0.7, 0.999):
         slower = measure_times((share * found.y)[program.nodes], program.step).sum()
         assert slower > found.lower_bound
@@ -109,10 +109,10 @@ def test_no_speeds_beat_the_lower_bound():
 def test_given_speeds_cost_forces_alone():
     """With all speeds known the least squared forces are those of each interval by itself."""
     program = some_program(5, CONE, N=6)
-    y = 0.5 * solve(program).y
+    y = 0.5 * solve_carry(program).y
     weights = np.ones(program.k * program.friction.d)
-    whole = solve(replace(program, step=None, given=y, weights=weights))
-    assert whole.converged
+    whole = solve_carry(replace(program, step=None, given=y, weights=weights))
+    assert whole.is_solution
     for i in range(program.count):
         part = replace(
             program,
@@ -122,7 +122,7 @@ def test_given_speeds_cost_forces_alone():
             step=None,
             weights=weights,
         )
-        np.testing.assert_allclose(solve(part).x[0], whole.x[i], atol=2e-4)
+        np.testing.assert_allclose(solve_carry(part).x[0], whole.x[i], atol=2e-4)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -133,10 +133,12 @@ def test_rows_that_are_put_back(seed):
     reach = 12.0 * (np.abs(rows[..., -1]) + np.linalg.norm(rows[..., :-1], axis=2)).sum(axis=1)
     ends = np.tile(1.01 * reach, (program.count, 1))
     program = replace(program, B=400 * program.B, low=-ends, high=ends)
-    found, objective = solve(program), by_ecos(program)
+    found, objective = solve_carry(program), by_ecos(program)
     assert (found.rows > 1e-6).any()
-    assert found.converged
+    assert found.is_solution
     assert found.objective == pytest.approx(objective, rel=1e-6)
     assert found.lower_bound <= objective * (1 + 1e-6)
-    free = solve(replace(program, low=np.full_like(program.low, -np.inf), high=np.full_like(program.high, np.inf)))
+    free = solve_carry(
+        replace(program, low=np.full_like(program.low, -np.inf), high=np.full_like(program.high, np.inf))
+    )
     assert free.objective < found.objective * (1 - 1e-4)

@@ -126,7 +126,7 @@ def test_the_energy_falls_along_what_is_left():
     y, since, step = 1e-6 * rng.normal(size=9), np.zeros(9), 1e-7
 
     def beside(way: float, e: np.ndarray) -> Capped:
-        return Capped(contacts, contacts.known(since, stretched), y + way * e, normal)
+        return Capped(contacts, contacts.displace(since, stretched), y + way * e, normal)
 
     slope = [(beside(step, e).energy - beside(-step, e).energy) / (2 * step) for e in np.eye(9)]
     assert beside(0, np.eye(9)[0]).left == pytest.approx(-np.array(slope), rel=1e-5, abs=1e-6)

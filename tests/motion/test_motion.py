@@ -16,7 +16,7 @@ from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import file_of
 from pinograsp.motion import MotionSpec, contact_postures, plan_motion, preload_slope
 from pinograsp.motion.approach import approach
-from pinograsp.motion.grasp_ik import ContactPath, press
+from pinograsp.motion.grasp_ik import ContactPath, press_points
 from pinograsp.motion.jacobian import point_jacobian
 from pinograsp.motion.torques import contact_torques, inverse_dynamics
 from pinograsp.objects import Sphere
@@ -221,7 +221,7 @@ def press_finger(hand, contact_set, finger, angles, links, depths=(2e-3,), **opt
     times = np.linspace(0.9, 1.0, 101)
     contacts = contact_set(rows)
     path = ContactPath(list(contacts), profile, list(range(len(links))), times)
-    (motion,) = press(hand, chain, path, angles[None], np.array([points_l]), **options)
+    (motion,) = press_points(hand, chain, path, angles[None], np.array([points_l]), **options)
     return motion, contacts, profile, times, data
 
 
@@ -284,7 +284,7 @@ def test_near_a_singular_posture_rates_stay_bounded(hand, contact_set):
     )
     profile = PenetrationProfile(acceleration=[0.2], impact_time=0.9, final_time=1.0)
     path = ContactPath(list(contacts), profile, [0], np.linspace(0.9, 1.0, 101))
-    (motion,) = press(straight, chain, path, angles[None], local[None, None])
+    (motion,) = press_points(straight, chain, path, angles[None], local[None, None])
     assert np.all(np.isfinite(motion.q)) and np.abs(motion.dq).max() < 200
 
 

@@ -11,7 +11,7 @@ from pinograsp.contacts import PenetrationProfile
 from pinograsp.contacts.clearance import Distances, parts_of
 from pinograsp.hands import load_hand
 from pinograsp.motion import contact_postures
-from pinograsp.motion.grasp_ik import ContactPath, press
+from pinograsp.motion.grasp_ik import ContactPath, press_points
 from pinograsp.motion.jacobian import contact_jacobian, point_jacobians
 from pinograsp.motion.torques import finger_dynamics, inverse_dynamics
 
@@ -28,9 +28,9 @@ def test_all_postures_are_pressed_as_each_alone(hand, contacts, final_angles):
         )
         for one in (hand, narrow):
             path = ContactPath([contacts[i]], profile, [i], times)
-            together = press(one, finger, path, found.angles, found.points_l)
+            together = press_points(one, finger, path, found.angles, found.points_l)
             for angles, points, motion in zip(found.angles, found.points_l, together):
-                (alone,) = press(one, finger, path, angles[None], points[None])
+                (alone,) = press_points(one, finger, path, angles[None], points[None])
                 assert motion.limited == alone.limited
                 for what in ("q", "dq", "jacobians", "errors"):
                     assert np.abs(getattr(motion, what) - getattr(alone, what)).max() < 1e-12
