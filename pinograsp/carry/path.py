@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,13 +41,14 @@ class ArmPath:
         s: of the waypoints (w,), increasing from 0 to 1.
         q: waypoints (w, n) [rad or m].
         times: of the waypoints (w,) [s], where the path is a trajectory; None: only its shape is known.
+        spline: the curve; None: the cubic spline through the waypoints.
     """
 
     joints: tuple[str, ...]
     s: Array
     q: Array
     times: Array | None = None
-    _spline: PPoly = field(init=False, repr=False)
+    spline: PPoly | None = None
 
     __repr__ = brief("joints", "s")
 
@@ -72,10 +73,7 @@ class ArmPath:
                     f"{self.times[-1] - self.times[0]:g}"
                 )
         # With two waypoints or three there is no more to a cubic spline than a line or a parabola.
-        put("_spline", _cubic(self.s, self.q))
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return _rebuild, (self.joints, self.s, self.q, self.times, self._spline)
+        put("spline", _cubic(self.s, self.q) if self.spline is None else self.spline)
 
     @classmethod
     def along(cls, joints: Sequence[str], spline: PPoly | BSpline) -> ArmPath:
@@ -99,13 +97,12 @@ class ArmPath:
         length = end - begin
         powers = length ** np.arange(len(piecewise.c))[::-1].astype(float)
         unit = PPoly(piecewise.c[:, kept] * powers[:, None, None], (knots - begin) / length)
-        path = cls(joints=tuple(joints), s=unit.x, q=np.asarray(unit(unit.x)))
         slopes = unit.derivative()
         left = np.asarray(slopes(np.nextafter(unit.x[1:-1], 0.0)))
         jump = np.abs(left - np.asarray(slopes(unit.x[1:-1]))).max(initial=0.0)
         if jump > _JUMP * max(float(np.abs(slopes(unit.x)).max()), 1e-12):
             raise InvalidInput(f"spline: expected one whose slope is continuous, got a jump of {jump:.3g}: smooth it")
-        return _set_spline(path, unit)
+        return cls(joints=tuple(joints), s=unit.x, q=np.asarray(unit(unit.x)), spline=unit)
 
     @classmethod
     def through(cls, waypoints: Mapping[str, ArrayLike]) -> ArmPath:
@@ -186,13 +183,15 @@ class ArmPath:
     def only(self, joints: Sequence[str]) -> ArmPath:
         """The path of some of its joints."""
         which = [self.joints.index(joint) for joint in joints]
-        path = ArmPath(joints=tuple(joints), s=self.s, q=self.q[:, which], times=self.times)
-        return _set_spline(path, PPoly(self._spline.c[:, :, which], self._spline.x))
+        assert self.spline is not None
+        part = PPoly(self.spline.c[:, :, which], self.spline.x)
+        return ArmPath(joints=tuple(joints), s=self.s, q=self.q[:, which], times=self.times, spline=part)
 
     def at(self, s: ArrayLike) -> PathPoint:
         """Positions and derivatives at parameters (m,)."""
+        assert self.spline is not None
         values = array_of("path parameters", s, (None,))
-        return PathPoint(*(read_only(self._spline(values, order)) for order in (0, 1, 2, 3)))
+        return PathPoint(*(read_only(self.spline(values, order)) for order in (0, 1, 2, 3)))
 
 
 def _split_spline(spline: BSpline) -> PPoly:
@@ -203,8 +202,7 @@ def _split_spline(spline: BSpline) -> PPoly:
 
 def _time_path(joints: tuple[str, ...], s: Array, q: Array, times: Array, ends: Array) -> ArmPath:
     """The path of a trajectory with slopes (2, n) at its ends."""
-    path = ArmPath(joints=joints, s=s, q=q, times=times)
-    return _set_spline(path, _cubic(s, q, ((1, ends[0]), (1, ends[1]))))
+    return ArmPath(joints=joints, s=s, q=q, times=times, spline=_cubic(s, _check_near(q), ((1, ends[0]), (1, ends[1]))))
 
 
 def _cubic(s: Array, q: Array, ends: str | tuple[tuple[int, Array], tuple[int, Array]] = "not-a-knot") -> CubicSpline:
@@ -227,13 +225,3 @@ def _check_near(q: Array) -> Array:
     if q.size and np.abs(q).max() > _FARTHEST:
         raise InvalidInput(f"waypoints: expected positions up to {_FARTHEST:g} rad or m, got {np.abs(q).max():g}")
     return q
-
-
-def _rebuild(joints: tuple[str, ...], s: Array, q: Array, times: Array | None, spline: PPoly) -> ArmPath:
-    return _set_spline(ArmPath(joints=joints, s=s, q=q, times=times), spline)
-
-
-def _set_spline(path: ArmPath, spline: PPoly) -> ArmPath:
-    """A new path, along another spline than the one through its waypoints."""
-    object.__setattr__(path, "_spline", spline)
-    return path

@@ -130,10 +130,9 @@ def slip_threshold(
     start = float(np.max(task.mu))
     if start <= 0:
         raise InvalidInput("slip_threshold: expected a plan with friction, its mu is 0")
-    base = Disturbance() if disturbance is None else disturbance
-    search = _Search(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=base)
-    found = search.run(task, options, start, [0.0], [start * 2.0**i for i in range(1, _DOUBLINGS + 1)], "mu")
-    return SlipThreshold(lost=found.lost, held=found.held, tried=tuple(found.tried), planned=search.planned)
+    search = _Search(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=disturbance)
+    doublings = [start * 2.0**i for i in range(1, _DOUBLINGS + 1)]
+    return SlipThreshold(**search.run(task, options, start, [0.0], doublings, "mu"))
 
 
 def load_threshold(
@@ -153,42 +152,33 @@ def load_threshold(
     """
     task, options = prepare_trials(plan, settings)
     halvings, doublings = ([2.0 ** (sign * i) for i in range(1, _DOUBLINGS + 1)] for sign in (-1, 1))
-    base = Disturbance() if disturbance is None else disturbance
-    search = _Search(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=base)
-    found = search.run(task, options, 1.0, doublings, halvings, "mass_factor")
-    return LoadThreshold(lost=found.lost, held=found.held, tried=tuple(found.tried), planned=search.planned)
+    search = _Search(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=disturbance)
+    return LoadThreshold(**search.run(task, options, 1.0, doublings, halvings, "mass_factor"))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _Search:
-    """The options that both searches share."""
+    """The arguments that both searches share, checked."""
 
-    tolerance: float
-    planned: float | None
-    jobs: int
-    disturbance: Disturbance
-
-    def __post_init__(self) -> None:
-        number("tolerance", self.tolerance, above=0)
-        if self.planned is not None:
-            object.__setattr__(self, "planned", number("planned", self.planned, at_least=0))
-        processes(self.jobs)
+    def __init__(self, *, tolerance: float, planned: float | None, jobs: int, disturbance: Disturbance | None):
+        self.tolerance, self.jobs = number("tolerance", tolerance, above=0), processes(jobs)
+        self.planned = None if planned is None else number("planned", planned, at_least=0)
+        self.disturbance = Disturbance() if disturbance is None else disturbance
         instance_of("disturbance", self.disturbance, Disturbance)
 
     def run(
         self, task: Task, options: SimulationOptions, start: float, harder: list[float], easier: list[float], name: str
-    ) -> Bracket:
-        """The bracket of the value of a disturbance's field ``name``, see :func:`bracket`."""
-        jobs = int(self.jobs)
-        with share_case(task, options, jobs) as case:
-            parallel = joblib.Parallel(n_jobs=jobs)
+    ) -> dict[str, Any]:
+        """The threshold of the value of a disturbance's field ``name``, see :func:`bracket`."""
+        with share_case(task, options, self.jobs) as case:
+            parallel = joblib.Parallel(n_jobs=self.jobs)
 
             def hold(values: list[float]) -> list[bool]:
                 changes: list[dict[str, Any]] = [{name: value} for value in values]
                 disturbances = (replace(self.disturbance, **change) for change in changes)
                 return [one.held for one in parallel(joblib.delayed(run_trial)(case, one) for one in disturbances)]
 
-            return bracket(hold, start, harder, easier, float(self.tolerance), joblib.effective_n_jobs(jobs))
+            found = bracket(hold, start, harder, easier, self.tolerance, joblib.effective_n_jobs(self.jobs))
+        return {"lost": found.lost, "held": found.held, "tried": tuple(found.tried), "planned": self.planned}
 
 
 class Bracket(NamedTuple):

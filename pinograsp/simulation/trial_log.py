@@ -49,29 +49,20 @@ class TrialLog:
 
     def __init__(self, path: Path | None, header: dict[str, Any]):
         self.rows: dict[tuple[str, int], TrialRow] = {}
-        self._file: _LogFile | None = None
+        self.path, self.head, self.size = path, _line(header), 0
+        self._file: FileIO | None = None
+        self._held = contextlib.ExitStack()
         if path is not None:
-            self._file = _LogFile(path, header, self.rows)
-
-    def add(self, row: TrialRow) -> None:
-        """Keep a row; it is written to disk at once."""
-        if self._file is not None:
-            self._file.write(row)
-        self.rows[row["error"], row["trial"]] = row
+            self._open(path, header)
 
     def __enter__(self) -> TrialLog:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._file is not None:
-            self._file.close()
+        self._held.close()
 
-
-class _LogFile:
-    """The file of a log, opened and locked; the rows that it holds are put into ``rows``."""
-
-    def __init__(self, path: Path, header: dict[str, Any], rows: dict[tuple[str, int], TrialRow]):
-        self.path, self.head = path, _line(header)
+    def _open(self, path: Path, header: dict[str, Any]) -> None:
+        """Lock the file and read its rows."""
         with contextlib.ExitStack() as held:
             with write_errors(path):
                 place = place_of(path)
@@ -82,19 +73,16 @@ class _LogFile:
                     raise ResultsNotWritten(
                         f"another process is writing trials to '{path}': wait for it, or give another folder"
                     ) from None
-                self.file: FileIO = held.enter_context(path.open("a+b", buffering=0))
-                self.file.seek(0)
-                kept = self.file.read()
+                self._file = held.enter_context(path.open("a+b", buffering=0))
+                self._file.seek(0)
+                kept = self._file.read()
             lines = kept[: kept.rfind(b"\n") + 1]  # without an incomplete last line
-            self._read(lines, kept, header, rows)
+            self._read(lines, kept, header)
             with write_errors(path):
-                self.file.truncate(len(lines))
-            self.close = held.pop_all().close
-        self.size = len(lines)
+                self._file.truncate(len(lines))
+            self._held, self.size = held.pop_all(), len(lines)
 
-    def _read(
-        self, complete: bytes, kept: bytes, header: dict[str, Any], rows: dict[tuple[str, int], TrialRow]
-    ) -> None:
+    def _read(self, complete: bytes, kept: bytes, header: dict[str, Any]) -> None:
         if not complete:
             if not self.head.startswith(kept):
                 raise InvalidInput(f"'{self.path}' holds no trials: give another folder")
@@ -108,7 +96,7 @@ class _LogFile:
             for line in lines:
                 at += 1
                 row = json.loads(line)
-                rows.setdefault((row["error"], row["trial"]), row)
+                self.rows.setdefault((row["error"], row["trial"]), row)
         except InvalidInput:
             raise
         except (ValueError, KeyError, TypeError) as error:
@@ -120,20 +108,22 @@ class _LogFile:
                 "another folder"
             )
 
-    def write(self, row: TrialRow) -> None:
-        """Append a row; what could not be written completely is removed again."""
-        # The header comes with the first row: settings that cannot be simulated leave nothing behind.
-        line = (b"" if self.size else self.head) + _line(row)
-        with write_errors(self.path):
-            try:
-                written = 0
-                while written < len(line):
-                    written += self.file.write(line[written:])
-            except BaseException:
-                with contextlib.suppress(OSError):  # the next reader drops an incomplete line that stays
-                    self.file.truncate(self.size)
-                raise
-        self.size += len(line)
+    def add(self, row: TrialRow) -> None:
+        """Keep a row; it is written to disk at once, and what could not be written completely is removed again."""
+        if self.path is not None and self._file is not None:
+            # The header comes with the first row: settings that cannot be simulated leave nothing behind.
+            line = (b"" if self.size else self.head) + _line(row)
+            with write_errors(self.path):
+                try:
+                    written = 0
+                    while written < len(line):
+                        written += self._file.write(line[written:])
+                except BaseException:
+                    with contextlib.suppress(OSError):  # the next reader drops an incomplete line that stays
+                        self._file.truncate(self.size)
+                    raise
+            self.size += len(line)
+        self.rows[row["error"], row["trial"]] = row
 
 
 def _line(value: Mapping[str, Any]) -> bytes:

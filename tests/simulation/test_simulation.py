@@ -249,9 +249,9 @@ def test_torques_that_hold_are_those_without_deceleration(plan):
     assert motion.torques[-1] - inertia @ motion.ddq[-1] == pytest.approx(motion.holding_torques, abs=1e-6)
 
 
-def test_steps_that_are_too_long_are_told(plan):
+def test_steps_that_are_too_long_are_told(brisk):
     with pytest.raises((SimulationDiverged, AssertionError), match="diverged|held"):
-        simulation = simulate(plan, time_step=8e-3, servo=Servo.of(plan.hand, stiffness=5e3, damping=1e-6))
+        simulation = simulate(brisk, time_step=8e-3, servo=Servo.of(brisk.hand, stiffness=5e3, damping=1e-6))
         assert simulation.verdict.held, "not held"
 
 
@@ -277,9 +277,9 @@ def test_an_object_that_flies_off_at_once_is_lost(brisk, settings, tmp_path, mon
     assert not any(tmp_path.iterdir())  # no log of MuJoCo's
 
 
-def test_what_nothing_touches_is_not_held(plan):
+def test_what_nothing_touches_is_not_held(brisk):
     """Without weight and without contacts an object stays where it is: nobody holds it."""
-    task = Task.of(plan)
+    task = Task.of(brisk)
     open_hand = replace(task, q=np.tile(task.q[0], (len(task.q), 1)), dq=np.zeros_like(task.dq), gravity_o=np.zeros(3))
     verdict = simulate(open_hand, hold=0.1, time_step=1e-3).verdict
     assert verdict.drift < 1e-6 and not verdict.held and "nothing touched" in verdict.reason
@@ -292,10 +292,10 @@ def test_pushes_act_before_the_end_or_are_refused(brisk):
     assert not simulate(brisk, disturbance=Disturbance(pushes=push), hold=0.2, time_step=5e-4).verdict.held
 
 
-def test_numbers_out_of_hand_are_no_verdict(plan):
+def test_numbers_out_of_hand_are_no_verdict(brisk):
     huge = Disturbance(pushes=(Push(wrench_o=[0, 0, 0, 1e160, 0, 0], start=0.0),))
     with pytest.raises(SimulationDiverged):
-        simulate(plan, disturbance=huge, mode="prescribed", hold=0.2, time_step=1e-3)
+        simulate(brisk, disturbance=huge, mode="prescribed", hold=0.2, time_step=1e-3)
 
 
 def test_the_weight_of_an_object_that_the_plan_does_not_know_counts_once(brisk):
