@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, CubicSpline, PPoly
 
-from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, one_of, path_of, read_only
+from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, one_of, path_of, read_only, rebuilt
 from pinograsp.errors import InvalidInput
 from pinograsp.handover import JointTrajectory, read_ros2
 from pinograsp.handover.reading import make_trajectory, read_table
@@ -51,6 +51,7 @@ class ArmPath:
     spline: PPoly | None = None
 
     __repr__ = brief("joints", "s")
+    __reduce__ = rebuilt
 
     def __post_init__(self) -> None:
         def put(name: str, value: object) -> None:
