@@ -159,7 +159,7 @@ class Clocks:
 
     def plan(self, case: Case, intervals: int) -> float:
         """Plan, and tell how long it took [s]."""
-        constrain, solve = CarryTask.constrain, passing.solve
+        constrain, solve = CarryTask.constrain, passing.solve_carry
 
         def loading(*values):
             start = time.process_time()
@@ -175,8 +175,8 @@ class Clocks:
 
         with (
             patch.object(CarryTask, "constrain", loading),
-            patch.object(passing, "solve", solving),
-            patch.object(squeeze, "solve_program", solving),
+            patch.object(passing, "solve_carry", solving),
+            patch.object(squeeze, "solve_carry", solving),
         ):
             start = time.process_time()
             case.plan(intervals)
