@@ -51,7 +51,6 @@ class ArmPath:
     spline: PPoly | None = None
 
     __repr__ = brief("joints", "s")
-    __reduce__ = rebuilt
 
     def __post_init__(self) -> None:
         def put(name: str, value: object) -> None:
@@ -75,6 +74,9 @@ class ArmPath:
                 )
         # With two waypoints or three there is no more to a cubic spline than a line or a parabola.
         put("spline", _cubic(self.s, self.q) if self.spline is None else self.spline)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return rebuilt(self)
 
     @classmethod
     def along(cls, joints: Sequence[str], spline: PPoly | BSpline) -> ArmPath:
