@@ -75,7 +75,7 @@ class ArmPath:
         # With two waypoints or three there is no more to a cubic spline than a line or a parabola.
         put("spline", _cubic(self.s, self.q) if self.spline is None else self.spline)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return rebuilt(self)
 
     @classmethod
