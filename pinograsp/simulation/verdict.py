@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -122,7 +123,7 @@ def _decide(
     return True, f"{1e3 * drift:.3f} mm and {turn:.2f} deg after {since:.2f} s"
 
 
-def _audit(energies: dict[str, Array]) -> float:
+def _audit(energies: Mapping[str, Array]) -> float:
     """Largest difference between the energy put in and that stored or lost, relative to the largest of all energies."""
     put_in = energies["joint_work"] + energies["load_work"]
     kept = np.sum([energies[name] for name in ("mechanical", "elastic", "damped", "slipped")], axis=0)
