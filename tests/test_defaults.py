@@ -15,6 +15,7 @@ from pinograsp.cases.case import Case
 from pinograsp.cases.object_case import ObjectCase
 from pinograsp.cli import app
 from pinograsp.motion import MotionSpec
+from pinograsp.simulation.options import SimulationOptions
 
 BALL = pg.Sphere(radius=0.03, mass=0.2)
 AROUND = 0.03 * np.array([[1, 0, 0], [-0.5, 0.75**0.5, 0], [-0.5, -(0.75**0.5), 0], [0, 0, -1]])
@@ -56,7 +57,7 @@ TAKEN = {
     "plan": {"samples": (pg.find_grasps, "count"), "seed": (pg.find_grasps, "seed"), "wrap": (pg.find_grasps, "wrap")},
     "close": {"samples": (pg.find_grasps, "count"), "seed": (pg.find_grasps, "seed")},
     "certify": {"tolerance": (pg.certify, "tolerance")},
-    "check": {"hold": (pg.simulate, "hold"), "time_step": (pg.simulate, "time_step")},
+    "check": {"hold": (SimulationOptions, "hold"), "time_step": (SimulationOptions, "time_step")},
     "carry": {"intervals": (plan_carry, "intervals"), "reserve": (plan_carry, "reserve")},
 }
 
