@@ -192,7 +192,6 @@ def _told_besides(told):
         ["plan", "a", "b"],
         ["check"],
         ["nosuch"],
-        ["hands", "--root"],
     ],
     ids=" ".join,
 )
