@@ -191,7 +191,7 @@ def _(problem: ForceProblem) -> _Page:
         for name, one, mu in zip(contacts.names, contacts, problem.mu.tolist())
     ]
     thing, friction, wrench = problem.object, problem.friction, problem.balance == "wrench"
-    model = friction.model if friction.model != "pyramid" else f"pyramid of {friction.edges} edges"
+    model = f"{friction.model} of {friction.edges} edges" if friction.polyhedral else friction.model
     return _Page(
         title="contact forces that bear a load" if thing is None else f"hold {name_object(thing)}",
         lead=f"{problem.k} contacts, forces {'and moments' if wrench else 'alone'} in balance",

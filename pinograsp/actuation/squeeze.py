@@ -240,7 +240,7 @@ class Squeeze:
     def torsion_share(self) -> Array:
         """Normal force that soft fingers need for their moments alone (k,) [N]; 0 for other models."""
         friction = self.problem.friction
-        if friction.model != "soft":
+        if not friction.elliptic:
             return np.zeros(self.problem.k)
         return np.asarray(np.abs(self.torsion) / friction.torsion, dtype=float)
 
@@ -248,7 +248,7 @@ class Squeeze:
         """Share of its friction that each contact uses (k,) [-], and whether that is within it (k,) bool."""
         planned = self.problem.friction
         # Pyramids stand for round cones.
-        model = replace(planned, safety=1.0, model="cone" if planned.model == "pyramid" else planned.model)
+        model = replace(planned, safety=1.0, model="cone" if planned.polyhedral else planned.model)
         across = np.column_stack([forces[:, :2], self.torsion])[:, : model.d - 1]
         allowed = model.scale(self.problem.mu)
         rounding = TOLERANCE.violation * float(max(np.abs(forces).max(), np.abs(self.planned).max()))

@@ -26,7 +26,6 @@ from pinograsp.cases.sections import (
 )
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
 from pinograsp.contacts.compliance import MEASURES
-from pinograsp.contacts.friction import SOFT
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, GraspConditions, Reserve
 from pinograsp.hands import HandModel, load_hand
@@ -240,7 +239,7 @@ class ObjectCase(Section):
                     "reserve has a share of friction, too"
                 )
             return None
-        return replace(SOFT if self.friction == "soft" else Friction(model=self.friction), safety=self.safety)
+        return Friction.standard(self.friction, safety=self.safety)
 
     def _kept_reserve(self) -> Reserve | None:
         """The reserve; where none was asked for, only what the search, its solver and objective can plan for."""

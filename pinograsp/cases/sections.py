@@ -22,6 +22,7 @@ from pinograsp.contacts import (
 from pinograsp.contacts.friction import default_friction
 from pinograsp.forces import ObjectiveName, available_solvers
 from pinograsp.hands.load import Masses
+from pinograsp.plan.parts import FRICTION_TRAITS
 from pinograsp.planner import Search
 
 # What the forces minimise, as case files call it.
@@ -153,8 +154,8 @@ class FrictionSection(Section):
 
     @model_validator(mode="after")
     def _soft_fingers_have_torsion(self) -> FrictionSection:
-        if self.model == "soft" and self.torsion_mm == 0:
-            raise ValueError("model 'soft' needs torsion_mm above 0")
+        if self.model is not None and FRICTION_TRAITS[self.model].elliptic and self.torsion_mm == 0:
+            raise ValueError(f"model '{self.model}' needs torsion_mm above 0")
         return self
 
     def of(self, contacts: ContactSet, search: Search) -> Friction:

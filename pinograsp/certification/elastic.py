@@ -170,14 +170,13 @@ def find_multiples(local: Array, reacted: Reactions, used: BoolArray, friction: 
     limits = limits_of(friction, mu)
     t, dt = (local[..., :-1] / limits)[:, :, None], np.swapaxes(reacted.tangential, 2, 3) / limits
     F, dF = local[..., -1:], reacted.normal
-    if friction.polyhedral:
+    least = np.full((*t.shape[:2], dt.shape[2]), np.inf)
+    if len(friction.facets):
         room = F[..., None] - t @ friction.facets.T
         rate = dt @ friction.facets.T - dF[..., None]
         least = np.where(rate > 0, np.maximum(room, 0.0) / np.maximum(rate, 1e-300), np.inf).min(axis=3)
-    elif friction.model == "cone" and friction.d == 4:
-        least = np.minimum(_leaves(t[..., :2], dt[..., :2], F, dF), _leaves(t[..., 2:], dt[..., 2:], F, dF))
-    else:
-        least = _leaves(t, dt, F, dF)
+    if r := friction.round_dimensions:
+        least = np.minimum(least, _leaves(t[..., :r], dt[..., :r], F, dF))
     found: Array = np.where(used[:, :, None], least, np.inf).min(axis=1)
     return np.where(reacted.borne, found, 0.0)
 

@@ -216,7 +216,7 @@ def _solved(
 ) -> Forces:
     friction = holding.friction
     # The compiled method knows least squares of plain friction, and of soft fingers powers of F_n that is not zero.
-    soft = friction.model == "soft"
+    soft = friction.elliptic
     low = np.maximum(low, np.minimum(_TRACE * holding.size, high)) if soft else low
     batch = ForceBatch(
         points=grips.points,

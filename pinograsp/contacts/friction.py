@@ -16,16 +16,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, finite_of, integer, number, one_of, read_only
 from pinograsp.errors import InvalidInput
+from pinograsp.plan.parts import FRICTION_TRAITS, FrictionModel
 from pinograsp.spatial import Array
 
-FrictionModel = Literal["pyramid", "cone", "soft"]
 FRICTION_MODELS: tuple[FrictionModel, ...] = get_args(FrictionModel)
 LARGEST_MU = 1e6  # above that of any pair of materials; its square is still exact enough to compute with
 _MOST_EDGES = 1024  # hardly different from the cone
@@ -56,36 +56,47 @@ class Friction:
         torsion = number("friction torsion", self.torsion, at_least=0, at_most=LARGEST_MU, unit="m")
         object.__setattr__(self, "torsion", torsion)
         object.__setattr__(self, "safety", number("friction safety factor", self.safety, at_least=1))
-        if self.model == "soft" and self.torsion == 0:
-            raise InvalidInput("friction model 'soft': expected torsion > 0 [m] (moment per newton), got 0")
+        if self.elliptic and self.torsion == 0:
+            raise InvalidInput(f"friction model '{self.model}': expected torsion > 0 [m] (moment per newton), got 0")
+
+    @classmethod
+    def standard(cls, model: FrictionModel, *, safety: float = 1.0) -> Friction:
+        """A model by its name alone: four edges, and of soft fingers 5 mm of torsion, as of a rubber pad of 1 cm."""
+        elliptic = FRICTION_TRAITS[one_of("friction model", model, FRICTION_MODELS)].elliptic
+        return cls(model=model, torsion=5e-3 if elliptic else 0.0, safety=safety)
 
     @property
     def is_paper(self) -> bool:
         """Whether this is the paper's pyramid without torsion: the only model with multipliers (k1, k2)."""
-        return self.model == "pyramid" and self.edges == 4 and self.torsion == 0
+        return self.polyhedral and self.edges == 4 and self.torsion == 0
 
     @property
     def polyhedral(self) -> bool:
         """Whether U is a polytope, so that the limits are linear rows."""
-        return self.model == "pyramid"
+        return FRICTION_TRAITS[self.model].polygon
+
+    @property
+    def elliptic(self) -> bool:
+        """Whether one limit bounds tangential forces and torsion together: a soft finger's."""
+        return FRICTION_TRAITS[self.model].elliptic
 
     @property
     def round_dimensions(self) -> int:
         """Number of components of u that a second-order cone |u| <= F_n bounds: 0 (pyramid), 2 or 3 (soft finger)."""
-        return {"pyramid": 0, "cone": 2, "soft": 3}[self.model]
+        return 0 if self.polyhedral else 3 if self.elliptic else 2
 
     @property
     def separates(self) -> bool:
         """Whether U is a product of balls and intervals: a cone, a soft finger, or the pyramid of 4 edges (seen along
         its edges).
         """
-        return self.model != "pyramid" or self.edges == 4
+        return not self.polyhedral or self.edges == 4
 
     @property
     def radii(self) -> Array:
         """Half-widths (d - 1,) of those balls and intervals."""
         radii = np.ones(self.d - 1)
-        if self.model == "pyramid":
+        if self.polyhedral:
             radii[:2] = np.sqrt(0.5)
         return radii
 
@@ -105,12 +116,12 @@ class Friction:
     @property
     def facets(self) -> Array:
         """Rows D (r, d - 1), u in F_n U if and only if D u <= F_n; of the polygon and of a plain torsional limit."""
-        return _facets(self.model, self.edges, self.d)
+        return _facets(self.edges if self.polyhedral else 0, self.d, self._plain_torsion)
 
     @property
     def vertices(self) -> Array:
         """Vertices (e, 2) of the polygon of tangential forces; only a pyramid has any."""
-        if self.model != "pyramid":
+        if not self.polyhedral:
             raise InvalidInput(f"friction model '{self.model}' has no vertices: use a pyramid with more edges")
         return _vertices(self.edges)
 
@@ -118,45 +129,40 @@ class Friction:
         """max of a . u over U (...,) for directions a (..., d - 1)."""
         a = self._tangential("direction", a)
         along: Array
-        if self.model == "soft":
-            along = np.sqrt(np.einsum("...j,...j->...", a, a))
-            return along
-        if self.model == "cone":
-            along = np.hypot(a[..., 0], a[..., 1])
+        if not self.polyhedral:
+            along = _length(a[..., : self.round_dimensions])
         elif self.edges == 4:
             along = (np.abs(a[..., 0]) + np.abs(a[..., 1])) * np.sqrt(0.5)
         else:
             along = (a[..., :2] @ self.vertices.T).max(axis=-1)
-        return along + np.abs(a[..., 2]) if self.d == 4 else along
+        return along + np.abs(a[..., 2]) if self._plain_torsion else along
 
     def support_point(self, a: ArrayLike) -> Array:
         """A maximiser u (..., d - 1) of a . u over U."""
         a = self._tangential("direction", a)
-        u: Array
-        if self.model == "soft":
-            u = a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), 1e-300)
-            return u
         u = np.empty_like(a)
-        if self.model == "cone":
-            u[..., :2] = a[..., :2] / np.maximum(np.hypot(a[..., 0], a[..., 1]), 1e-300)[..., None]
-        else:
+        if self.polyhedral:
             u[..., :2] = self.vertices[np.argmax(a[..., :2] @ self.vertices.T, axis=-1)]
-        if self.d == 4:
+        else:
+            within = a[..., : self.round_dimensions]
+            u[..., : self.round_dimensions] = within / np.maximum(_length(within), 1e-300)[..., None]
+        if self._plain_torsion:
             u[..., 2] = np.sign(a[..., 2])
         return u
 
     def gauge(self, u: ArrayLike) -> Array:
         """Least normal force (...,) that allows u (..., d - 1): the utilisation times F_n."""
         u = self._tangential("tangential force", u)
-        least: Array
-        if self.model == "soft":
-            least = np.sqrt(np.einsum("...j,...j->...", u, u))
-        elif self.model == "cone":
-            least = np.hypot(u[..., 0], u[..., 1])
-            least = np.maximum(least, np.abs(u[..., 2])) if self.d == 4 else least
-        else:
-            least = (u @ self.facets.T).max(axis=-1)
-        return least
+        if self.polyhedral:
+            least: Array = (u @ self.facets.T).max(axis=-1)
+            return least
+        least = _length(u[..., : self.round_dimensions])
+        return np.maximum(least, np.abs(u[..., 2])) if self._plain_torsion else least
+
+    @property
+    def _plain_torsion(self) -> bool:
+        """Whether torsion has a limit of its own, |m| <= torsion F_n."""
+        return self.d == 4 and not self.elliptic
 
     def _tangential(self, name: str, value: ArrayLike) -> Array:
         array = finite_of(name, value)
@@ -165,8 +171,7 @@ class Friction:
         return array
 
 
-CONE = Friction(model="cone")
-SOFT = Friction(model="soft", torsion=5e-3)  # as of a rubber pad of 1 cm
+CONE, SOFT = Friction.standard("cone"), Friction.standard("soft")
 
 
 def default_friction(fingers: Iterable[str]) -> Friction:
@@ -176,15 +181,19 @@ def default_friction(fingers: Iterable[str]) -> Friction:
     return SOFT if len(set(fingers)) <= 2 else CONE
 
 
+def _length(u: Array) -> Array:
+    length: Array = np.hypot(u[..., 0], u[..., 1]) if u.shape[-1] == 2 else np.sqrt(np.einsum("...j,...j->...", u, u))
+    return length
+
+
 @lru_cache(maxsize=64)
-def _facets(model: FrictionModel, edges: int, d: int) -> Array:
-    rows = np.zeros((0, d - 1))
-    if model == "pyramid":
+def _facets(edges: int, d: int, plain_torsion: bool) -> Array:
+    rows = np.zeros((edges, d - 1))
+    if edges:
         angles = np.pi / 4 + np.pi / edges + 2 * np.pi * np.arange(edges) / edges
-        rows = np.zeros((edges, d - 1))
         rows[:, :2] = np.column_stack([np.cos(angles), np.sin(angles)]) / np.cos(np.pi / edges)
         rows[np.abs(rows) < 1e-15] = 0.0
-    if d == 4 and model != "soft":
+    if plain_torsion:
         rows = np.vstack([rows, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
     return read_only(rows)
 

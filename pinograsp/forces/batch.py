@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +33,7 @@ from pinograsp.contacts.contact_set import bare_contacts
 from pinograsp.contacts.friction import CONE
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.certificate import TOLERANCE, Tolerance, is_optimal
+from pinograsp.forces.certificate import TOLERANCE, Tolerance
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective, Program, assemble, weights_of
@@ -231,7 +231,6 @@ class BatchSolution:
         residual_norm: norms of the balance residuals (N,) [N, moments over the moment length].
         violation: largest violations of friction and bounds (N,) [N].
         load_size: size of the load, or of the least F_n without one (N,) [N].
-        force_size: ``load_size`` or the largest F_n, whichever is larger (N,) [N].
         general: number of problems that went to the general methods.
         elapsed: computing time [s].
     """
@@ -244,11 +243,15 @@ class BatchSolution:
     residual_norm: Array
     violation: Array
     load_size: Array
-    force_size: Array
     general: int
     elapsed: float
 
     __repr__ = brief()
+
+    @property
+    def force_size(self) -> Array:
+        """``load_size`` or the largest F_n, whichever is larger (N,) [N]."""
+        return np.maximum(self.load_size, self.forces_c[:, :, 2].max(axis=1))
 
     @property
     def ok(self) -> BoolArray:
@@ -260,34 +263,15 @@ class BatchSolution:
         """Which forces are optimal (N,) bool: the rule of :meth:`Certificate.is_optimal
         <pinograsp.forces.certificate.Certificate.is_optimal>`, the gap relative to the objective.
         """
-        return self.ok & is_optimal(
+        accepted: BoolArray = self.ok & tolerance.accepts(
             residual_norm=self.residual_norm,
             load_size=self.load_size,
             violation=self.violation,
             force_size=self.force_size,
             gap=self.objective - self.lower_bound,
             objective_size=np.abs(self.objective),
-            tolerance=tolerance,
         )
-
-
-class _Results(NamedTuple):
-    """Forces (N, k, 3), torsional moments (N, k); objective, lower bound, residual [N], violation [N], code (N,)."""
-
-    forces: Array
-    moments: Array
-    objective: Array
-    lower_bound: Array
-    residual: Array
-    violation: Array
-    codes: IntArray
-
-    @classmethod
-    def of(cls, n: int, k: int) -> _Results:
-        """Room for n problems of up to k contacts; zeros, and no answer yet."""
-        objective, bound, residual, violation = np.zeros((4, n))
-        codes = np.full(n, core.STALLED, dtype=np.int64)
-        return cls(np.zeros((n, k, 3)), np.zeros((n, k)), objective, bound, residual, violation, codes)
+        return accepted
 
 
 def solve_batch(
@@ -322,8 +306,21 @@ def solve_batch(
     parts = [batch.energies[name] * [weights[name], 1.0] for name in MEASURES if weights.get(name)]
     terms = np.concatenate(parts, axis=1) if parts else np.zeros((n, 0, 2))
     squares = weights.get("least_squares", 0.0)
-    takes = friction.separates and not weights.get("peak") and not (friction.model == "soft" and squares)
-    results = _Results.of(n, k)
+    takes = friction.separates and not weights.get("peak") and not (friction.elliptic and squares)
+    objectives, bounds, residuals, violations = np.zeros((4, n))
+    found = BatchSolution(
+        status=np.empty(n, dtype=object),
+        forces_c=np.zeros((n, k, 3)),
+        torsion=np.zeros((n, k)),
+        objective=objectives,
+        lower_bound=bounds,
+        residual_norm=residuals,
+        violation=violations,
+        load_size=_load_sizes(batch),
+        general=0,
+        elapsed=0.0,
+    )
+    codes = np.full(n, core.STALLED, dtype=np.int64)
     given: dict[str, Any] = {
         "components": friction.d,
         "round": friction.round_dimensions,
@@ -339,11 +336,19 @@ def solve_batch(
         "high": batch.high,
         "arms": batch.moment_lengths,
         "terms": terms,
+        # These are filled.
+        "forces": found.forces_c,
+        "moments": found.torsion,
+        "objective": found.objective,
+        "lower_bound": found.lower_bound,
+        "residual": found.residual_norm,
+        "violation": found.violation,
+        "codes": codes,
     }
     given = {name: np.ascontiguousarray(one) if isinstance(one, np.ndarray) else one for name, one in given.items()}
 
     def solve(start: int) -> None:
-        solve_part(start, min(start + _AT_ONCE, n), **given, **results._asdict())
+        solve_part(start, min(start + _AT_ONCE, n), **given)
 
     starts = range(0, n if takes else 0, _AT_ONCE)
     if threads == 1 or len(starts) < 2:
@@ -353,38 +358,23 @@ def solve_batch(
         with ThreadPoolExecutor(threads) as pool:
             for _ in pool.map(solve, starts):  # the compiled code releases Python's lock
                 pass
-    kinds = np.empty(3, dtype=object)  # filled one by one: np.array would turn statuses into texts
-    kinds[core.CONVERGED], kinds[core.STALLED], kinds[core.INFEASIBLE] = Status.OK, Status.INACCURATE, Status.INFEASIBLE
-    found = _solution(batch, kinds[results.codes], results, started)
-    left = np.flatnonzero((results.codes == core.STALLED) | (found.ok & ~found.is_optimal()))
-    if not len(left):
-        return found
-    for i in left:
-        found.status[i] = _solve_by_general_methods(batch, int(i), weights, results)
-    return replace(_solution(batch, found.status, results, started), general=len(left))
+    kinds = {core.CONVERGED: Status.OK, core.STALLED: Status.INACCURATE, core.INFEASIBLE: Status.INFEASIBLE}
+    for code, status in kinds.items():
+        found.status[codes == code] = status
+    left = np.flatnonzero((codes == core.STALLED) | (found.ok & ~found.is_optimal()))
+    for i in left.tolist():
+        found.status[i] = _solve_by_general_methods(batch, i, weights, found)
+    return replace(found, general=len(left), elapsed=time.perf_counter() - started)
 
 
-def _solution(batch: ForceBatch, status: NDArray[Any], results: _Results, started: float) -> BatchSolution:
-    """The record of the compiled code's results."""
+def _load_sizes(batch: ForceBatch) -> Array:
+    """The size that forces are compared with (N,) [N]: that of the load, or of the least F_n without a load."""
     used = np.arange(batch.mu.shape[1]) < batch.counts[:, None]
     scaled = batch.loads.copy()
     scaled[:, 3:] = scaled[:, 3:] / batch.moment_lengths[:, None] if batch.balance == "wrench" else 0.0
     size = np.sqrt(np.einsum("nr,nr->n", scaled, scaled))
     least = np.where(used, batch.low, 0.0).max(axis=1)
-    load_size = np.where(size > 0, size, np.where(least > 0, least, 1.0))
-    return BatchSolution(
-        status=status,
-        forces_c=results.forces,
-        torsion=results.moments,
-        objective=results.objective,
-        lower_bound=results.lower_bound,
-        residual_norm=results.residual,
-        violation=results.violation,
-        load_size=load_size,
-        force_size=np.maximum(load_size, results.forces[:, :, 2].max(axis=1)),
-        general=0,
-        elapsed=time.perf_counter() - started,
-    )
+    return np.where(size > 0, size, np.where(least > 0, least, 1.0))
 
 
 def _cores() -> int:
@@ -412,13 +402,13 @@ def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple
     return problem, assemble(matrices, problem.scaled_load, terms, batch.low[i, :own], batch.high[i, :own])
 
 
-def _solve_by_general_methods(batch: ForceBatch, i: int, weights: Mapping[str, float], results: _Results) -> Status:
-    """The status of problem ``i``, whose entries of the results are filled."""
+def _solve_by_general_methods(batch: ForceBatch, i: int, weights: Mapping[str, float], into: BatchSolution) -> Status:
+    """The status of problem ``i``, whose entries of the other arrays are filled."""
     (problem, program), own = program_of(batch, i, weights), batch.counts[i]
     found = SolverOrder(program.matrices, "auto").solve(problem, program)
     if found.status is Status.OK and found.forces is not None:
         certificate = found.forces.certificate
-        results.forces[i, :own], results.moments[i, :own] = found.forces.forces_c, found.forces.torsion
-        results.objective[i], results.lower_bound[i] = certificate.objective, certificate.lower_bound
-        results.residual[i], results.violation[i] = certificate.residual_norm, certificate.violation
+        into.forces_c[i, :own], into.torsion[i, :own] = found.forces.forces_c, found.forces.torsion
+        into.objective[i], into.lower_bound[i] = certificate.objective, certificate.lower_bound
+        into.residual_norm[i], into.violation[i] = certificate.residual_norm, certificate.violation
     return found.status

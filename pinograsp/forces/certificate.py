@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import overload
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +39,16 @@ class Tolerance:
         for one in fields(self):
             number(f"tolerance of {one.name}", getattr(self, one.name))
 
+    def accepts(
+        self, *, residual_norm: Any, load_size: Any, violation: Any, force_size: Any, gap: Any, objective_size: Any
+    ) -> Any:
+        """The rule of :meth:`Certificate.is_optimal`, for numbers and arrays alike. NaN fails."""
+        return (
+            (residual_norm <= self.residual * load_size)
+            & (violation <= self.violation * force_size)
+            & (gap <= self.gap * objective_size)
+        )
+
 
 TOLERANCE = Tolerance()
 
@@ -60,46 +70,6 @@ def objective_size_of(objective: float, constant: float) -> float:
     usual = max(1.0, abs(constant))
     size = abs(objective)
     return VANISHING * usual if size < NEGLIGIBLE * usual else size
-
-
-@overload
-def is_optimal(
-    *,
-    residual_norm: float,
-    load_size: float,
-    violation: float,
-    force_size: float,
-    gap: float,
-    objective_size: float,
-    tolerance: Tolerance = ...,
-) -> bool: ...
-@overload
-def is_optimal(
-    *,
-    residual_norm: Array,
-    load_size: Array,
-    violation: Array,
-    force_size: Array,
-    gap: Array,
-    objective_size: Array,
-    tolerance: Tolerance = ...,
-) -> BoolArray: ...
-def is_optimal(
-    *,
-    residual_norm: float | Array,
-    load_size: float | Array,
-    violation: float | Array,
-    force_size: float | Array,
-    gap: float | Array,
-    objective_size: float | Array,
-    tolerance: Tolerance = TOLERANCE,
-) -> bool | BoolArray:
-    """The rule of :meth:`Certificate.is_optimal`, for numbers and arrays alike. NaN fails."""
-    return (
-        (residual_norm <= tolerance.residual * load_size)
-        & (violation <= tolerance.violation * force_size)
-        & (gap <= tolerance.gap * objective_size)
-    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: see record_of
@@ -179,14 +149,15 @@ class Certificate:
                 "tolerance: expected a Tolerance, which has one number for the balance, the limits and the gap each, "
                 f"as Tolerance(gap=1e-6), got {shown(tolerance)}"
             )
-        return is_optimal(
-            residual_norm=self.residual_norm,
-            load_size=self.load_size,
-            violation=self.violation,
-            force_size=self.force_size,
-            gap=self.objective - self.lower_bound,
-            objective_size=self.objective_size,
-            tolerance=tolerance,
+        return bool(
+            tolerance.accepts(
+                residual_norm=self.residual_norm,
+                load_size=self.load_size,
+                violation=self.violation,
+                force_size=self.force_size,
+                gap=self.gap,
+                objective_size=self.objective_size,
+            )
         )
 
     def active(self, names: Sequence[str]) -> tuple[str, ...]:

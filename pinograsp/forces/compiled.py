@@ -71,23 +71,25 @@ class CompiledForces(NamedTuple):
 class Prepared:
     """Everything of a force problem but its load, at one impact time, for one objective and compiled method."""
 
-    def __init__(self, problem: ForceProblem, template: Template, method: str, impact_time: float, terms: EnergyTerms):
-        """Hand all numbers to the core; ``terms`` at ``impact_time`` [s]."""
+    def __init__(
+        self,
+        problem: ForceProblem,
+        template: Template,
+        method: str,
+        terms: EnergyTerms,
+        normal_force_range: tuple[Array, Array],
+    ):
+        """Hand all numbers to the core; ``terms`` and ``normal_force_range`` are those at the impact time."""
         self._k, weights = problem.k, template.matrices.weights
         names = () if problem.torques is None else problem.torques.limited_joints
         self._joints = tuple(names[row] for row in template.order)
-        low, high, _ = problem.normal_force_limits(impact_time)
-        floor, cap = problem.min_normal_force, problem.max_normal_force
-        least = np.full(self._k, low) if floor is None else np.maximum(floor, low)
-        largest = np.full(self._k, high) if cap is None else np.minimum(cap, high)
         powers = np.array([(weights[m] * c, e) for m, own in terms.items() for c, e in own], dtype=float).reshape(-1, 2)
         self._solve = (
             core.load()
             .Prepared(
                 template.grasp(problem),
                 method == "newton",
-                least,
-                largest,
+                *normal_force_range,
                 powers,
                 residual=TOLERANCE.residual,
                 violation=TOLERANCE.violation,

@@ -138,7 +138,7 @@ def holding_probability(
         energies={"work": np.array(problem.energy_terms(impact_time, "work"))},
     )
     # Soft fingers' least squares would go to the general methods.
-    found = solve_batch(batch, objective="work" if problem.friction.model == "soft" else "least_squares")
+    found = solve_batch(batch, objective="work" if problem.friction.elliptic else "least_squares")
     return Reliability(
         held=read_only(found.ok),
         undecided=int((found.status == Status.INACCURATE).sum()),

@@ -75,8 +75,11 @@ def optimize_robust(
             raise InvalidInput(f"mu range: expected 0 <= least <= largest, got {low:g} and {high:g}")
         problem = replace(problem, mu=np.full(problem.k, low))
     if load_set.ball and not problem.friction.polyhedral:
-        if problem.friction.model == "soft":
-            raise InvalidInput("a ball of disturbances: expected friction 'pyramid' or 'cone', got 'soft'; use a box")
+        if problem.friction.elliptic:
+            raise InvalidInput(
+                "a ball of disturbances: expected friction 'pyramid' or 'cone', got "
+                f"'{problem.friction.model}'; use a box"
+            )
         inscribed = Friction(edges=_EDGES_FOR_BALLS, torsion=problem.friction.torsion, safety=problem.friction.safety)
         problem = replace(problem, friction=inscribed)
     found = robust_at(problem, load_set, impact_time, weights, reaction=reaction)

@@ -21,7 +21,7 @@ import numpy as np
 
 from pinograsp.checks import brief, instance_of, read_only
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.certificate import Tolerance, is_optimal, objective_size_of
+from pinograsp.forces.certificate import Tolerance, objective_size_of
 from pinograsp.forces.conic import ConicMethod, exponents_of
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.program import assemble, energy_terms_at
@@ -242,15 +242,15 @@ class _Optimum:
         """Whether x is admissible, and y proves it optimal."""
         program, value = self.program, self.program.value(x)
         violation, _, residual = program.violations(x)
-        size = objective_size_of(value + program.constant, program.constant)
-        return is_optimal(
-            residual_norm=float(np.linalg.norm(residual)),
-            load_size=1.0,
-            violation=violation,
-            force_size=max(1.0, self._largest(x)),
-            gap=value - program.lower_bound(x, y, np.zeros(0)),
-            objective_size=size,
-            tolerance=_EXACT,
+        return bool(
+            _EXACT.accepts(
+                residual_norm=float(np.linalg.norm(residual)),
+                load_size=1.0,
+                violation=violation,
+                force_size=max(1.0, self._largest(x)),
+                gap=value - program.lower_bound(x, y, np.zeros(0)),
+                objective_size=objective_size_of(value + program.constant, program.constant),
+            )
         )
 
     def _largest(self, x: Array) -> float:

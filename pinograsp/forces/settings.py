@@ -11,7 +11,7 @@ from pinograsp import defaults
 from pinograsp.checks import array_of, brief, instance_of, one_of
 from pinograsp.contacts import Compliance, DecelerationShape, Friction, MarhefkaOrin
 from pinograsp.contacts.compliance import MEASURES, Measure, checked_law
-from pinograsp.contacts.deceleration import bounds_of
+from pinograsp.contacts.deceleration import CONSTANT, bounds_of
 from pinograsp.contacts.quality import BALANCES, Balance
 from pinograsp.spatial import Array
 
@@ -49,7 +49,7 @@ class ForceSettings:
     max_speed: float = defaults.MAX_SPEED
     max_depth: float = defaults.MAX_DEPTH
     moment_length: float | None = None
-    shape: DecelerationShape = field(default_factory=DecelerationShape.constant)
+    shape: DecelerationShape = CONSTANT
 
     __repr__ = brief("balance", "measure", "friction", "compliance")
 

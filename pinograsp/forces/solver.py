@@ -59,12 +59,12 @@ class ForceSolver:
         self._order = SolverOrder(self._matrices, solver)
         self.solvers = self._order.order
         self._terms = energy_terms_at(problem, self.weights, self.impact_time)
-        self._least, self._largest = problem.normal_force_range(self.impact_time)
+        self._bounds = problem.normal_force_range(self.impact_time)
         self.prepared: Prepared | None = None
         method = self.solvers[0]
         # Equations of an underactuated hand have one side each: as programs alone their other side is set.
         if method in COMPILED and self._order.takes(method) and not self._matrices.fixed:
-            self.prepared = Prepared(problem, self._order.template, method, self.impact_time, self._terms)
+            self.prepared = Prepared(problem, self._order.template, method, self._terms, self._bounds)
 
     def solve(self, load: ArrayLike | None = None) -> ConvexSolution:
         """The forces for a load (6,), linear first, about the centre of mass, world axes [N, N m].
@@ -84,7 +84,7 @@ class ForceSolver:
         found = certified(self.prepared, problem, self.weights, self.impact_time, started)
         if found is not None:
             return found
-        program = assemble(self._matrices, problem.scaled_load, self._terms, self._least, self._largest)
+        program = assemble(self._matrices, problem.scaled_load, self._terms, *self._bounds)
         outcome = self._order.solve(problem, program, tried=self.prepared is not None)
         return solution_of(problem, outcome, impact_time=self.impact_time, weights=self.weights.copy(), started=started)
 

@@ -124,7 +124,7 @@ def friction_model(friction: PlanFriction) -> str:
     """The model and its coefficient."""
     low, high = float(friction.mu.min()), float(friction.mu.max())
     mu = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-    model = f"pyramid of {friction.edges} edges" if friction.edges else _model(friction)
+    model = f"pyramid of {friction.edges} edges" if friction.edges else friction.traits.words
     torsion = f", torsion up to {1e3 * friction.torsion:g} mm x F_n" if friction.torsion else ""
     return f"mu {mu}, {model}, safety factor {friction.safety:g}{torsion}"
 
@@ -141,14 +141,11 @@ def friction_used(plan: PlanRecord) -> list[tuple[str, dict[str, float]]]:
         for name, least, mu in zip(names, margins.least_mu.tolist(), friction.mu.tolist())
     }
     uses = [("friction used, of mu F_n", cone)]
-    if friction.model != "cone" or friction.torsion:
-        torsion = " with torsion" if friction.torsion and friction.model != "soft" else ""
-        uses.append((f"of the {_model(friction)}{torsion}", dict(zip(names, margins.friction_used.tolist()))))
+    traits = friction.traits
+    if traits.polygon or friction.torsion:
+        torsion = " with torsion" if friction.torsion and not traits.elliptic else ""
+        uses.append((f"of the {traits.words}{torsion}", dict(zip(names, margins.friction_used.tolist()))))
     return uses
-
-
-def _model(friction: PlanFriction) -> str:
-    return "soft finger" if friction.model == "soft" else friction.model
 
 
 def shares(values: dict[str, float]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,27 @@ from pinograsp.plan.plain_fields import Plain, by_contact, plain_fields
 from pinograsp.spatial import Array
 
 FrictionModel = Literal["pyramid", "cone", "soft"]
+
+
+class FrictionTraits(NamedTuple):
+    """What the name of a friction model says; its limits are those of :class:`~pinograsp.contacts.Friction`.
+
+    Attributes:
+        words: in prose.
+        polygon: whether tangential forces are bounded by a polygon with edges.
+        elliptic: whether one limit bounds tangential forces and torsion together, so that there must be torsion.
+    """
+
+    words: str
+    polygon: bool = False
+    elliptic: bool = False
+
+
+FRICTION_TRAITS: dict[FrictionModel, FrictionTraits] = {
+    "pyramid": FrictionTraits("pyramid", polygon=True),
+    "cone": FrictionTraits("cone"),
+    "soft": FrictionTraits("soft finger", elliptic=True),
+}
 Balance = Literal["force", "wrench"]
 Measure = Literal["impulse", "work"]
 
@@ -77,6 +98,11 @@ class PlanFriction:
     torsion: float
 
     __repr__ = brief()
+
+    @property
+    def traits(self) -> FrictionTraits:
+        """What the model's name says."""
+        return FRICTION_TRAITS[self.model]
 
     def summary(self) -> Plain:
         """As plain JSON values."""

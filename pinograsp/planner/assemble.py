@@ -88,7 +88,7 @@ def assemble_plan(
         friction=PlanFriction(
             mu=problem.mu,
             model=friction.model,
-            edges=friction.edges if friction.model == "pyramid" else None,
+            edges=friction.edges if friction.polyhedral else None,
             safety=friction.safety,
             torsion=friction.torsion,
         ),

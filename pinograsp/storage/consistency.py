@@ -100,7 +100,8 @@ def _check_physics(plan: PlanRecord) -> None:
     _expect("law.table", "depths and forces that rise from 0", not len(law.table) or rises)
     _expect("contacts.rotations_oc", "rotations", bool(are_rotations(plan.contacts.rotations_oc).all()))
     edges = friction.edges
-    good = edges is None if friction.model != "pyramid" else edges is not None and 4 <= edges <= 1000 and edges % 2 == 0
+    polygon, elliptic = friction.traits.polygon, friction.traits.elliptic
+    good = edges is not None and 4 <= edges <= 1000 and edges % 2 == 0 if polygon else edges is None
     _expect("friction.edges", "an even number from 4 to 1000 for a pyramid alone", good)
     _expect("friction.safety", "1 or more", friction.safety >= 1)
-    _expect("friction.torsion", "above 0 for soft fingers", friction.model != "soft" or friction.torsion > 0)
+    _expect("friction.torsion", "above 0 for soft fingers", not elliptic or friction.torsion > 0)
