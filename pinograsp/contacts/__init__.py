@@ -14,13 +14,14 @@ from pinograsp.contacts.closure import ClosingPath, Closure, Touch
 from pinograsp.contacts.compliance import MEASURES, Compliance, MarhefkaOrin, Measure
 from pinograsp.contacts.contact_set import Contact, ContactSet, contacts_at
 from pinograsp.contacts.deceleration import DecelerationShape
-from pinograsp.contacts.friction import FRICTION_MODELS, Friction, FrictionModel
+from pinograsp.contacts.friction import FRICTION_MODELS, Friction
 from pinograsp.contacts.hertz import hertz
 from pinograsp.contacts.measured import MeasuredCompliance, law_of
 from pinograsp.contacts.penetration import touching
 from pinograsp.contacts.penetration_profile import PenetrationProfile
 from pinograsp.contacts.posture import PostureContacts, contacts_of
 from pinograsp.contacts.synergy import open_and_closed
+from pinograsp.plan.parts import FrictionModel
 
 __all__ = [
     "FRICTION_MODELS",

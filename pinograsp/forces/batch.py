@@ -251,7 +251,8 @@ class BatchSolution:
     @property
     def force_size(self) -> Array:
         """``load_size`` or the largest F_n, whichever is larger (N,) [N]."""
-        return np.maximum(self.load_size, self.forces_c[:, :, 2].max(axis=1))
+        size: Array = np.maximum(self.load_size, self.forces_c[:, :, 2].max(axis=1))
+        return size
 
     @property
     def ok(self) -> BoolArray:
