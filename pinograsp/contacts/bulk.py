@@ -381,26 +381,15 @@ def _bounds(solids: list[coal.CollisionGeometry]) -> tuple[Array, Array, Array, 
     """Lower and upper corners (s, 3) of boxes, centres (s, 3) and radii (s,) of spheres around solids [m]."""
     for solid in solids:
         solid.computeLocalAABB()
-    low, high = (np.array([side(solid.aabb_local) for solid in solids]) for side in (_low, _high))
+    low = np.array([solid.aabb_local.min_ for solid in solids]).reshape(-1, 3)
+    high = np.array([solid.aabb_local.max_ for solid in solids]).reshape(-1, 3)
     return low, high, (low + high) / 2, np.array([solid.aabb_radius for solid in solids])
-
-
-def _low(box: coal.AABB) -> Array:
-    return np.array(box.min_)
-
-
-def _high(box: coal.AABB) -> Array:
-    return np.array(box.max_)
 
 
 def _spheres(parts: list[HandPart]) -> tuple[Array, Array, Array]:
     """Centres (p, 3) and radii (p,) of spheres around parts, and halves (p, 3) of the boxes around the same centres."""
-    for part in parts:
-        part.hull.computeLocalAABB()
-    boxes = [part.hull.aabb_local for part in parts]
-    centres = np.array([(_low(box) + _high(box)) / 2 for box in boxes]).reshape(-1, 3)
-    halves = np.array([(_high(box) - _low(box)) / 2 for box in boxes]).reshape(-1, 3)
-    return centres, np.array([part.hull.aabb_radius for part in parts]), halves
+    low, high, centres, radii = _bounds([part.hull for part in parts])
+    return centres, radii, (high - low) / 2
 
 
 def _moved(rotations: Array, vectors: Array) -> Array:

@@ -19,16 +19,16 @@ from typing import TypeAlias
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.optimize import nnls
 
 from pinograsp.checks import array_of, flag, frozen, instance_of, items_of, mapping_of, number, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
+from pinograsp.contacts.pushing import PushedObject
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
-from pinograsp.objects.body import Body, tangents
+from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, BoolArray
 from pinograsp.words import fixed
 
@@ -38,13 +38,10 @@ TOUCH = 1e-7  # [m] a gap that counts as touching; distances of smooth shapes ar
 _CREEP = 2e-5  # [m] least advance, so that what slides along the object does so in few steps
 _OPEN = 1e-9  # [m] an overlap beyond rounding: the hand cannot start there
 _PUSH = 0.01  # first share of the path that jaws push the object at once; quartered where it cannot yield
-_RATHER_MOVED = 3.0  # a turn costs this times as much as a move as far as its rim goes: pushed, an object slides first
 _ROOM = 0.02  # of the jaws' own way: room that a pushed object is given, so that curved paths need few corrections
 _LEVERAGE = 10.0  # a pushed object moves at most this much farther than the jaws: else it slips out of them
 _CAGED = 2e-6  # [m] gap of a jaw that cages the object with others
-_BALANCED = 1e-3  # of the pressing forces: what may be left of them where the object jams
-_PUSHES, _CUTS = 200, 30  # pushes at most, and rounds of making way after each
-_PRESSING = 60  # points that are remembered
+_PUSHES = 200  # at most
 _MOST_STEPS = 50_000  # of one closing, which takes some hundreds
 
 
@@ -144,7 +141,6 @@ class _Closing:
         self.events = [(0.0, start.copy())]
         self.given = body
         self.at_touch: dict[str, Array] = {}
-        self.pressing: list[tuple[int, Array]] = []  # joints, and points that pressed the object, in their frames
         users = [sum(i in finger.dofs for finger in hand.fingers) for i in range(hand.n)]
         # Actuators that several fingers share, or the only finger's, which has the palm to press against.
         self.shared = {i for i, n in enumerate(users) if n > 1 or len(hand.fingers) == 1}
@@ -281,9 +277,9 @@ class _Closing:
         speeds = np.array([float(np.abs(self.rate[shared]) @ part.reach[shared]) for part in parts])
         gaps = np.full(len(parts), -np.inf)  # lower bounds at q and body: the distances of far parts are not computed
         self.distances.put(q, body)
-        pushed, room = True, 0.0
+        pushed, room, pushed_object = True, 0.0, PushedObject(self.distances)
         for _ in range(_PUSHES):
-            if pushed and self.jammed(parts, gaps, friction, max(_CAGED, 2 * room)):
+            if pushed and pushed_object.is_jammed(parts, gaps, friction, max(_CAGED, 2 * room)):
                 if 2 * room <= _CAGED:
                     break
                 most = step = min(step, most) / 4  # nearer, before it is called touching
@@ -295,7 +291,8 @@ class _Closing:
             # Every joint goes on to its own end.
             trial, reach = q + np.sign(self.rate) * np.minimum(step * np.abs(self.rate), left), step * speeds.max()
             given = max(0.1 * _CAGED, _ROOM * reach)
-            yielded = self.yielded(parts, trial, body, gaps - step * speeds, _LEVERAGE * reach + given, given)
+            most_moved = _LEVERAGE * reach + given
+            yielded = pushed_object.make_way(parts, trial, body, gaps - step * speeds, most_moved, given)
             pushed = yielded is not None
             if yielded is None:
                 step /= 4
@@ -315,74 +312,6 @@ class _Closing:
         for i in np.flatnonzero(shared & (np.abs(self.last - q) <= 1e-12)).tolist():
             self.note_end(i)
         self.events.append((at, q.copy()))
-
-    def jammed(self, parts: Sequence[HandPart], gaps: Array, friction: float, near: float) -> bool:
-        """Whether friction lets the parts that are ``near`` [m] press the object without moving it.
-
-        Then forces in their friction cones add up to zero. The posture and the object's place are those that distances
-        are taken at; ``gaps`` are lower bounds there.
-        """
-        arm, edges, fingers = self.distances.body.bounding_radius, [], set()
-        for part in (part for part, gap in zip(parts, gaps) if gap <= near):
-            gap, point = self.distances.of(part)
-            if gap <= near:
-                fingers.add(part.finger)
-                _, normal = self.distances.surface(point)
-                across = tangents(normal[None])[0]
-                for turn in np.arange(8) * np.pi / 4:
-                    force = normal + friction * across @ (np.cos(turn), np.sin(turn))
-                    edges.append([*force, *np.cross(point - self.distances.body.com_o, force) / arm, 1.0])
-        if len(fingers) < 2:
-            return False
-        _, left = nnls(np.array(edges).T, np.eye(7)[6])
-        return bool(left < _BALANCED)
-
-    def yielded(
-        self, parts: Sequence[HandPart], q: Array, body: Body, gaps: Array, far: float, room: float
-    ) -> tuple[Body, Array] | None:
-        """The object out of the way of all parts at q, moved and turned as little as possible; None: it cannot yield.
-
-        ``gaps`` are lower bounds of the parts' distances from ``body``; new ones are returned as well. It moves by
-        ``far`` [m] at most, and where it makes way by half of ``room`` [m] more than it must.
-        """
-        gaps, given = gaps.copy(), body
-        points, exact = np.zeros((len(parts), 3)), np.zeros(len(parts), dtype=bool)
-        radius, arm = body.bounding_radius, _RATHER_MOVED * body.bounding_radius
-        motion = np.zeros(6)  # translation, and turn times the arm
-        self.distances.put(q, body)
-        joints = self.distances.data.oMi
-        for _ in range(_CUTS):
-            # Points that pressed before show cheaply where room is wanted, distances whether that was all.
-            known = np.array([joints[joint].act(point) for joint, point in self.pressing]).reshape(-1, 3)
-            for _ in range(_CUTS if len(known) else 0):
-                surface, normal, gap = body.project(known)
-                if gap.min() >= 0.0:
-                    break
-                # Each asks for room along its normal: the least motion that gives it to all that are near.
-                near = gap < far
-                rows = np.hstack([normal[near], np.cross(surface[near] - body.com_o, normal[near]) / arm])
-                new = _least_motion(rows, 0.5 * room - gap[near] + rows @ motion)
-                if new is None or np.linalg.norm(new[:3]) + np.linalg.norm(new[3:]) * radius / arm > far:
-                    return None  # squeezed between parts that press against each other, or out of their reach
-                gaps -= np.linalg.norm(new[:3] - motion[:3]) + np.linalg.norm(new[3:] - motion[3:]) * radius / arm
-                exact[:] = False
-                motion = new
-                body = given.moved(motion[:3], pin.exp3(motion[3:] / arm))
-            self.distances.put(q, body)
-            while True:
-                worst = int(np.argmin(gaps))
-                if gaps[worst] >= 0.0:
-                    return body, gaps
-                if exact[worst]:
-                    break
-                gaps[worst], point = self.distances.bound(parts[worst])
-                points[worst] = 0.0 if point is None else point
-                exact[worst] = True
-            # As deep as the distance says: coal's points in an overlap can be micrometres off.
-            _, inwards, gap = body.project(points[worst][None])
-            point, joint = points[worst] + max(gap[0] - gaps[worst], 0.0) * inwards[0], parts[worst].joint
-            self.pressing = [*self.pressing[1 - _PRESSING :], (joint, joints[joint].actInv(point))]
-        return None
 
     def result(self) -> Closure:
         """The record; fingers that found nothing to touch are where they started, out of the others' way."""
@@ -429,17 +358,3 @@ class _Closing:
             pushed=read_only(pushed),
             notes=tuple(notes),
         )
-
-
-def _least_motion(rows: Array, sides: Array) -> Array | None:
-    """Least m with rows @ m >= sides, or None (Lawson and Hanson's least distance programming)."""
-    scale = max(float(np.abs(sides).max()), 1e-12)
-    E = np.vstack([rows.T, sides / scale])
-    target = np.zeros(len(E))
-    target[-1] = 1.0
-    u, left = nnls(E, target)
-    residual = E @ u - target
-    if left < 1e-7:
-        return None
-    motion: Array = -residual[:-1] / residual[-1] * scale
-    return motion

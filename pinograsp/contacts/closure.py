@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,6 +51,56 @@ class Touch:
     __repr__ = brief()
 
 
+class TouchingHand:
+    """What records of a hand that touches an object at a posture share."""
+
+    __slots__ = ()
+    hand: HandModel
+    object: Body
+    q: Array
+    touches: tuple[Touch, ...]
+
+    def contacts(
+        self, *, gravity_o: ArrayLike = (0.0, 0.0, -9.81), palm: bool = True, patches: bool = True
+    ) -> ContactSet:
+        """The touches as contacts, base to tip by finger, with the posture they belong to.
+
+        Args:
+            gravity_o: orients the tangent axes.
+            palm: with the palm's contact.
+            patches: a contact at every corner of a flat area; else one in its middle.
+
+        Raises:
+            InvalidInput: nothing touches.
+        """
+        flag("palm", palm)
+        flag("patches", patches)
+        gravity = array_of("gravity", gravity_o, (3,))
+        order = {finger.name: i for i, finger in enumerate(self.hand.fingers)} | {PALM: len(self.hand.fingers)}
+        own = [touch for touch in self.touches if touch.finger and (palm or touch.finger != PALM)]
+        if not own:
+            raise InvalidInput("the hand touches nothing with its fingers or palm: there are no contacts (see notes)")
+        own.sort(key=lambda touch: (order[touch.finger], touch.joint_id))
+        data = self.hand.model.createData()
+        pin.forwardKinematics(self.hand.model, data, np.array(self.q))
+        contacts = []
+        for touch in own:
+            for point in touch.patch_o if patches else touch.point_o[None]:
+                local = data.oMi[touch.joint_id].actInv(point)
+                contacts.append(
+                    Contact(
+                        finger=touch.finger,
+                        link=touch.link,
+                        point_o=read_only(point),
+                        rotation_oc=read_only(tangent_frame(touch.normal_o, gravity)),
+                        length=float(np.linalg.norm(local)),
+                        distance=0.0,
+                        point_l=read_only(local),
+                    )
+                )
+        return ContactSet(contacts=tuple(contacts), com_o=read_only(self.object.com_o), posture=self.q)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClosingPath:
     """How a hand closed; the motion is piecewise linear between the e samples.
@@ -68,7 +117,7 @@ class ClosingPath:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Closure:
+class Closure(TouchingHand):
     """A hand closed on an object.
 
     Attributes:
@@ -102,23 +151,6 @@ class Closure:
 
     def __str__(self) -> str:
         return self.describe()
-
-    def contacts(
-        self, *, gravity_o: ArrayLike = (0.0, 0.0, -9.81), palm: bool = True, patches: bool = True
-    ) -> ContactSet:
-        """The touches as contacts, base to tip by finger, with the posture they belong to.
-
-        Args:
-            gravity_o: orients the tangent axes.
-            palm: with the palm's contact.
-            patches: a contact at every corner of a flat area; else one in its middle.
-
-        Raises:
-            InvalidInput: nothing touches.
-        """
-        return contacts_from(
-            self.hand, self.object, self.q, self.touches, gravity_o=gravity_o, palm=palm, patches=patches
-        )
 
     def summary(self) -> dict[str, Any]:
         """The closure as plain values, for files and machines."""
@@ -157,42 +189,3 @@ class Closure:
         lines += [f"  {joint} stopped: {reason}" for joint, reason in self.stops.items()]
         lines += [f"  self-collision: {one} and {two}" for one, two in self.self_collisions]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
-
-
-def contacts_from(
-    hand: HandModel,
-    body: Body,
-    q: Array,
-    touches: Sequence[Touch],
-    *,
-    gravity_o: ArrayLike,
-    palm: bool,
-    patches: bool,
-) -> ContactSet:
-    """Touches of a hand at the posture q (n,) as contacts, see :meth:`Closure.contacts`."""
-    flag("palm", palm)
-    flag("patches", patches)
-    gravity = array_of("gravity", gravity_o, (3,))
-    order = {finger.name: i for i, finger in enumerate(hand.fingers)} | {PALM: len(hand.fingers)}
-    own = [touch for touch in touches if touch.finger and (palm or touch.finger != PALM)]
-    if not own:
-        raise InvalidInput("the hand touches nothing with its fingers or palm: there are no contacts (see notes)")
-    own.sort(key=lambda touch: (order[touch.finger], touch.joint_id))
-    data = hand.model.createData()
-    pin.forwardKinematics(hand.model, data, np.array(q))
-    contacts = []
-    for touch in own:
-        for point in touch.patch_o if patches else touch.point_o[None]:
-            local = data.oMi[touch.joint_id].actInv(point)
-            contacts.append(
-                Contact(
-                    finger=touch.finger,
-                    link=touch.link,
-                    point_o=read_only(point),
-                    rotation_oc=read_only(tangent_frame(touch.normal_o, gravity)),
-                    length=float(np.linalg.norm(local)),
-                    distance=0.0,
-                    point_l=read_only(local),
-                )
-            )
-    return ContactSet(contacts=tuple(contacts), com_o=read_only(body.com_o), posture=q)

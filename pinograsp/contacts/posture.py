@@ -13,8 +13,7 @@ from scipy.optimize import lsq_linear
 
 from pinograsp.checks import array_of, brief, flag, instance_of, number, read_only
 from pinograsp.contacts.clearance import Distances, HandPart, check_geometry, parts_of
-from pinograsp.contacts.closure import Touch, contacts_from
-from pinograsp.contacts.contact_set import ContactSet
+from pinograsp.contacts.closure import Touch, TouchingHand
 from pinograsp.contacts.penetration import ICOSAHEDRON, deepest_of
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.errors import GeometryFailed, InvalidInput
@@ -41,7 +40,7 @@ class Near(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PostureContacts:
+class PostureContacts(TouchingHand):
     """Where a hand touches an object at a posture.
 
     Attributes:
@@ -67,18 +66,6 @@ class PostureContacts:
     notes: tuple[str, ...]
 
     __repr__ = brief("hand", "object", "touches", "overlaps", "residual", "notes")
-
-    def contacts(
-        self, *, gravity_o: ArrayLike = (0.0, 0.0, -9.81), palm: bool = True, patches: bool = True
-    ) -> ContactSet:
-        """The touches as contacts on the object's surface, as :meth:`~pinograsp.contacts.Closure.contacts`.
-
-        Raises:
-            InvalidInput: nothing touches.
-        """
-        return contacts_from(
-            self.hand, self.object, self.q, self.touches, gravity_o=gravity_o, palm=palm, patches=patches
-        )
 
 
 def contacts_of(

@@ -10,7 +10,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, instance_of, number
-from pinograsp.contacts.clearance import Hit, parts_of
+from pinograsp.contacts.clearance import parts_of
+from pinograsp.contacts.hits import Hit
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body

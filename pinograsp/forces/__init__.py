@@ -10,13 +10,10 @@ from pinograsp.forces.global_optimum import optimize_grasp
 from pinograsp.forces.grid import GridSpec, grid_values
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.margins import (
-    ForceClosure,
     GraspMargins,
     disturbance_margin,
-    force_closure,
     grasp_margins,
     load_factor,
-    min_weight,
 )
 from pinograsp.forces.multipliers import MultiplierQP, MultiplierSolution, refine_multipliers
 from pinograsp.forces.optimize import optimize_forces
@@ -24,8 +21,8 @@ from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import OBJECTIVES, Objective, ObjectiveName
 from pinograsp.forces.registry import unregister_solver
 from pinograsp.forces.reliability import Reliability, holding_probability
-from pinograsp.forces.reserve import (
-    Reserve,
+from pinograsp.forces.reserve import Reserve
+from pinograsp.forces.reserve_search import (
     least_squeeze,
     optimize_reserve,
     producible_reserve,
@@ -58,6 +55,7 @@ from pinograsp.forces.standard_form import (
     SolverAnswer,
 )
 from pinograsp.forces.torque_limits import TorqueLimits, Underactuation
+from pinograsp.forces.wrench_closure import ForceClosure, force_closure, min_weight
 
 __all__ = [
     "OBJECTIVES",

@@ -226,19 +226,12 @@ def _descended(program: Program, x: Array, new: Array, value: float) -> tuple[Ar
 
 def _facets(friction: Friction, k: int) -> Array:
     """Friction as rows, row . x <= 0: by contact each cone's square and half-space come first, then the facets."""
-    inside, d = friction.round_dimensions, friction.d
-    D = np.vstack([_square(inside, d), friction.facets])
-    rows = np.zeros((k, len(D), k, d))
-    for i in range(k):
-        rows[i, :, i, :-1] = D
-        rows[i, :, i, -1] = -1.0
-    first = 2 * inside + 1 if inside else 0
-    return np.vstack([rows[:, :first].reshape(-1, k * d), rows[:, first:].reshape(-1, k * d)])
-
-
-def _square(inside: int, d: int) -> Array:
-    """Rows |u_j| <= F of the square (cube) around a disc (ball), and one row of zeros for the half-space."""
-    rows = np.zeros((2 * inside + 1 if inside else 0, d - 1))
+    inside = friction.round_dimensions
+    # Rows |u_j| <= F of the square (cube) around a disc (ball), and one of zeros for the half-space.
+    square = np.zeros((2 * inside + 1 if inside else 0, friction.d - 1))
     for j in range(inside):
-        rows[2 * j, j], rows[2 * j + 1, j] = _WITHIN, -_WITHIN
-    return rows
+        square[2 * j, j], square[2 * j + 1, j] = _WITHIN, -_WITHIN
+    D = np.vstack([square, friction.facets])
+    rows = np.kron(np.eye(k), np.hstack([D, -np.ones((len(D), 1))]))
+    first = np.arange(len(rows)) % len(D) < len(square)
+    return np.vstack([rows[first], rows[~first]])

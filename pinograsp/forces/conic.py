@@ -154,21 +154,14 @@ def cone_rows(matrices: Matrices) -> ConeRows:
     select = np.zeros((k, n))
     select[np.arange(k), np.arange(d - 1, n, d)] = 1.0
     D = friction.facets
-    facets = _on_diagonal(np.hstack([D, -np.ones((len(D), 1))]), k) if len(D) else np.zeros((0, n))
+    facets = np.kron(np.eye(k), np.hstack([D, -np.ones((len(D), 1))]))
     if friction.polyhedral:
         return ConeRows(select, facets, np.zeros((0, n)), [])
     inside = friction.round_dimensions + 1  # (F, u)
     block = np.zeros((inside, d))
     block[0, -1] = -1.0
     block[np.arange(1, inside), np.arange(inside - 1)] = -1.0
-    return ConeRows(select, facets, _on_diagonal(block, k), [inside] * k)
-
-
-def _on_diagonal(block: Array, count: int) -> Array:
-    """A block (p, q) ``count`` times along the diagonal (count p, count q)."""
-    found = np.zeros((count, block.shape[0], count, block.shape[1]))
-    found[np.arange(count), :, np.arange(count), :] = block
-    return found.reshape(count * block.shape[0], count * block.shape[1])
+    return ConeRows(select, facets, np.kron(np.eye(k), block), [inside] * k)
 
 
 class LimitRows(NamedTuple):

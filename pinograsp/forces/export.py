@@ -14,7 +14,7 @@ from pinograsp.forces.answers import Answer, certify
 from pinograsp.forces.conic import ConicMethod, exponents_of
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective, Program, assemble, energy_terms_at, weights_of
+from pinograsp.forces.program import Objective, Program, program_at, weights_of
 from pinograsp.forces.solution import ConvexSolution, solution_of
 from pinograsp.forces.solver_order import Outcome
 from pinograsp.forces.standard_form import NORMAL, Column, ForceQP, ForceSOCP, ScaledForces
@@ -65,9 +65,7 @@ def _program_of(problem: ForceProblem, impact_time: float, objective: Objective 
     """The program, and what its unknowns mean: x of each contact, and the largest F_n where it counts."""
     instance_of("problem", problem, ForceProblem)
     impact_time, weights = problem.checked_impact_time(impact_time), weights_of(objective, problem)
-    terms = energy_terms_at(problem, weights, impact_time)
-    matrices = matrices_of(problem, weights)
-    program = assemble(matrices, problem.scaled_load, terms, *problem.normal_force_range(impact_time))
+    program = program_at(problem, matrices_of(problem, weights), impact_time)
     force, columns = program.force_scale, []
     for name, widths in zip(_names(problem), problem.friction.scale(problem.mu) * force):
         columns += [Column(name, axis, "N", float(width)) for axis, width in zip(("f_x", "f_y"), widths)]

@@ -19,9 +19,10 @@ from pinograsp.checks import instance_of, number
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.answers import CertifiedForces
 from pinograsp.forces.certificate import Infeasibility
+from pinograsp.forces.grid import progress_bar
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective, Program, assemble, energy_terms_at, weights_of
+from pinograsp.forces.program import Objective, Program, assemble, energy_terms_at, program_at, weights_of
 from pinograsp.forces.solution import Branch, GlobalSolution, solution_of
 from pinograsp.forces.solver_order import Outcome, SolverName, SolverOrder, check_solver
 
@@ -65,13 +66,7 @@ def optimize_grasp(
     if gap < 1e-9:
         raise InvalidInput(f"gap: expected at least 1e-9 (the certificates' own accuracy), got {gap:g}")
     interrupted = False
-    bar = tqdm(
-        desc="branch and bound",
-        unit="interval",
-        disable=None if progress is None else not progress,
-        delay=1.0 if progress is None else 0.0,
-        leave=False,
-    )
+    bar = progress_bar(None, "branch and bound", "interval", progress)
     try:
         search.run(gap, bar)
     except KeyboardInterrupt:
@@ -132,9 +127,7 @@ class _Search:
 
     def visit(self, t: float) -> None:
         """Best forces at one impact time; they become the incumbent if they are the cheapest so far."""
-        terms = energy_terms_at(self.problem, self.weights, t)
-        program = assemble(self.matrices, self.problem.scaled_load, terms, *self.problem.normal_force_range(t))
-        found = self.solved(program)
+        found = self.solved(program_at(self.problem, self.matrices, t))
         if (
             found.status is Status.OK
             and found.forces is not None

@@ -166,13 +166,13 @@ def options(problem: ForceProblem, grid: GridSpec) -> Array:
     return wrenches
 
 
-def bar(total: int, what: str, progress: bool | None) -> tqdm:
+def progress_bar(total: int | None, what: str, unit: str, progress: bool | None) -> tqdm:
     """A progress bar on stderr: shown for long searches on a terminal (None), always (True) or never (False)."""
     return tqdm(
         total=total,
         desc=what,
-        unit="cell",
-        unit_scale=True,
+        unit=unit,
+        unit_scale=total is not None,
         disable=None if progress is None else not progress,
         delay=1.0 if progress is None else 0.0,
         leave=False,
@@ -191,7 +191,7 @@ def brute_force(problem: ForceProblem, grid: GridSpec, *, progress: bool | None 
     units, load = options(problem, grid), problem.scaled_load
     best: tuple[int, TimeTable, IntArray, int] | None = None  # cost, table, cell, combination
     interrupted = False
-    progress_bar = bar(sum(t.cost.size**k for t in tables), "brute force", progress)
+    bar = progress_bar(sum(t.cost.size**k for t in tables), "brute force", "cell", progress)
     try:
         for table in tables:
             shape = (table.cost.size,) * k
@@ -207,10 +207,10 @@ def brute_force(problem: ForceProblem, grid: GridSpec, *, progress: bool | None 
                 j = int(np.argmin(costs))
                 if hits[j] >= 0 and (best is None or costs[j] < best[0]):
                     best = (int(costs[j]), table, cells[j], int(hits[j]))
-                progress_bar.update(flat.size)
+                bar.update(flat.size)
     except KeyboardInterrupt:
         interrupted = True
-    progress_bar.close()
+    bar.close()
     status = Status.INTERRUPTED if interrupted else Status.OK if best else Status.INFEASIBLE
     cell: Cell | None = None
     if best:

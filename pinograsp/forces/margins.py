@@ -1,4 +1,4 @@
-"""Margins of a given grasp: how much more load it holds, how near its contacts are to slipping, force closure.
+"""Margins of a given grasp: how much more load it holds, and how near its contacts are to slipping.
 
 With the normal forces fixed (as commanded to the hand) only friction reacts to a change of the load; or the contacts
 give way as equal springs, too: see :mod:`pinograsp.forces.robust`.
@@ -9,20 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import get_args
 
-import clarabel
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, instance_of, number, one_of, read_only, shown
-from pinograsp.contacts import ContactSet, Friction
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
-from pinograsp.contacts.quality import Balance
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import TOLERANCE
-from pinograsp.forces.conic import cone_rows, solve, solve_linear, sparse
+from pinograsp.forces.conic import cone_rows, solve_linear
 from pinograsp.forces.infeasibility import extreme_multiple, holds, missed
-from pinograsp.forces.matrices import balance_columns, elastic_reaction
+from pinograsp.forces.matrices import elastic_reaction
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, feasibility
 from pinograsp.forces.robust_forces import Reaction
@@ -125,13 +121,7 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6, reaction:
         least_mu=read_only(least_mu),
         slip_distance=read_only(slip),
         load_factor=factor,
-        disturbance=InscribedBall(
-            lower=ball.lower * unit,
-            upper=ball.upper * unit,
-            direction=ball.direction,
-            converged=ball.converged,
-            points=ball.points,
-        ),
+        disturbance=replace(ball, lower=ball.lower * unit, upper=ball.upper * unit),
         disturbance_force=force * unit,
         disturbance_moment=None if moment is None else moment * unit * problem.moment_length,
     )
@@ -177,7 +167,7 @@ def disturbance_margin(
     """
     instance_of("problem", problem, ForceProblem)
     direction = array_of("direction", direction, (6,))
-    scaled = np.concatenate([direction[:3], direction[3:] / problem.moment_length])[: problem.rows]
+    scaled = problem.scale_wrenches(direction)
     if not np.any(scaled):
         raise InvalidInput("direction: expected a wrench that is not zero in the balance rows")
     if (normal_forces is None) == (impact_time is None):
@@ -243,88 +233,6 @@ def _sprung(program: Program, pick: Array, springs: Array) -> tuple[Program, Arr
     return free, np.block([[program.A, pick], [select, -changes]]), changes
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ForceClosure:
-    """Whether contact forces of any size can resist *any* wrench (of the balance rows).
-
-    Attributes:
-        closed: whether they can.
-        rank: of the grasp map's usable columns.
-        margin: largest t such that forces with normal forces of sum 1 balance while every contact keeps a share t of
-            its even part (1 / k) clear of its friction limit [-]; positive with full rank: force closure.
-        separating: wrench (6,) that no contact force opposes, checked; zero where closed.
-    """
-
-    closed: bool
-    rank: int
-    margin: float
-    separating: Array
-
-    __repr__ = brief()
-
-
-def force_closure(
-    contacts: ContactSet, mu: ArrayLike, *, friction: Friction | None = None, balance: Balance = "wrench"
-) -> ForceClosure:
-    """Test of force closure: whether the contacts' friction cones can balance every wrench (Nguyen 1988).
-
-    Args:
-        contacts: k contacts.
-        mu: friction coefficient, a number or (k,) [-].
-        friction: the friction model; None: as :class:`ForceProblem` chooses it.
-        balance: ``"wrench"`` or ``"force"``.
-    """
-    problem = ForceProblem(
-        contacts=contacts,
-        load=np.zeros(6),
-        mu=mu,
-        friction=friction,
-        balance=balance,
-    )
-    A = balance_columns(problem, problem.friction.scale(problem.mu))
-    rank = int(np.linalg.matrix_rank(A, tol=1e-9 * max(1.0, float(np.abs(A).max()))))
-    margin, y = _interior(problem)
-    closed = rank == problem.rows and margin > 1e-8
-    separating = np.zeros(6)
-    if not closed:
-        separating[: problem.rows] = _separating(problem, A, rank, y)
-    return ForceClosure(closed=closed, rank=rank, margin=max(margin, 0.0), separating=read_only(separating))
-
-
-def min_weight(contacts: ContactSet, mu: ArrayLike, *, edges: int = 8, balance: Balance = "wrench") -> float:
-    """Min-weight metric [-]: the largest l such that weights >= l, of sum 1, on the edges of all friction pyramids
-    balance.
-
-    Normalised by the number of edges, so it lies in [0, 1]; it is positive exactly for grasps where positive weights on
-    all edges balance (Li et al., FRoGGeR, 2023). A linear program.
-    """
-    problem = ForceProblem(contacts=contacts, load=np.zeros(6), mu=mu, friction=Friction(edges=edges), balance=balance)
-    A = balance_columns(problem, problem.friction.scale(problem.mu)).reshape(problem.rows, problem.k, 3)
-    corners = problem.friction.vertices
-    edge_wrenches = (A[:, :, :2] @ corners.T + A[:, :, 2:]).reshape(problem.rows, -1)
-    count = edge_wrenches.shape[1]
-    # Variables: weights, l. Maximise l.
-    rows = np.block(
-        [
-            [edge_wrenches, np.zeros((problem.rows, 1))],
-            [np.ones((1, count)), np.zeros((1, 1))],
-            [-np.eye(count), np.ones((count, 1))],
-        ]
-    )
-    q = np.append(np.zeros(count), -1.0)
-    b = np.concatenate([np.zeros(problem.rows), [1.0], np.zeros(count)])
-    cones = [clarabel.ZeroConeT(problem.rows + 1), clarabel.NonnegativeConeT(count)]
-    found = solve(sp.csc_matrix((count + 1, count + 1)), q, sparse(rows), b, cones)
-    # Certified without the solver: weights that balance to rounding, and the least of them.
-    equations = np.vstack([edge_wrenches, np.ones(count)])
-    weights = np.array(found.x)[:count]
-    if not np.isfinite(weights).all():
-        return 0.0
-    weights -= np.linalg.pinv(equations) @ (equations @ weights - b[: problem.rows + 1])
-    balances = np.abs(equations @ weights - b[: problem.rows + 1]).max() <= 1e-9
-    return max(0.0, float(weights.min()) * count) if balances else 0.0
-
-
 def _unsafed(problem: ForceProblem) -> ForceProblem:
     """The problem at full mu and full torque limits, whatever the drives can choose under a disturbance."""
     friction, torques = problem.friction, problem.torques
@@ -380,40 +288,3 @@ def _section(program: Program, rows: IntArray, springs: Array) -> InscribedBall:
 
     ball = inscribed_ball(support_point, len(rows), tolerance=1e-3 if len(rows) < 6 else _ROUGH, floor=_NEGLIGIBLE)
     return ball if held else replace(ball, lower=0.0, upper=0.0, converged=False)
-
-
-def _interior(problem: ForceProblem) -> tuple[float, Array]:
-    """Largest t with balanced forces of sum 1 whose F_n and distance from the friction limit are t / k, and its dual y.
-
-    With F = F' + t / k the cones read u in F' U, so t enters only the balance and the sum.
-    """
-    k, n = problem.k, problem.k * problem.friction.d
-    program = feasibility(problem, np.zeros(k), np.ones(k))
-    mean = program.A.reshape(problem.rows, k, -1)[:, :, -1].mean(axis=1)
-    total = np.zeros((1, n))
-    total[0, program.d - 1 :: program.d] = 1.0
-    equal = np.block([[program.A, mean[:, None]], [total, np.ones((1, 1))]])
-    q = np.zeros(n + 1)
-    q[n] = -1.0
-    positive = np.eye(1, n + 1, n)
-    found = solve_linear(program, equal, np.append(np.zeros(problem.rows), 1.0), q, least=positive)
-    if found is None:
-        return 0.0, np.zeros(problem.rows)
-    # Certified without the solver: t of forces that balance to rounding.
-    x, every = found[0][:n], np.vstack([program.A, total])
-    x[program.d - 1 :: program.d] += found[0][n] / k
-    x -= np.linalg.pinv(every) @ (every @ x - np.append(np.zeros(problem.rows), 1.0))
-    z = x.reshape(k, -1)
-    balances = np.abs(every @ x - np.append(np.zeros(problem.rows), 1.0)).max() <= 1e-9
-    return k * float((z[:, -1] - problem.friction.gauge(z[:, :-1])).min()) if balances else 0.0, found[1][
-        : problem.rows
-    ]
-
-
-def _separating(problem: ForceProblem, A: Array, rank: int, y: Array) -> Array:
-    """A unit direction that no contact force opposes: y . A x >= 0 for every x in the cones."""
-    if rank < problem.rows:
-        return np.linalg.svd(A)[0][:, -1]
-    y = y / max(float(np.linalg.norm(y)), 1e-300)
-    program = feasibility(problem, np.zeros(problem.k), np.ones(problem.k))
-    return y if program.reduced(y @ A).min() >= -1e-6 else np.zeros(problem.rows)

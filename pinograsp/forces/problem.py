@@ -230,7 +230,11 @@ class ForceProblem(ForceSettings):
     @property
     def scaled_load(self) -> Array:
         """Load (rows,) with moments divided by ``moment_length`` [N]."""
-        return read_only(np.concatenate([self.load[:3], self.load[3:] / self.moment_length])[: self.rows])
+        return frozen(self.scale_wrenches(self.load))
+
+    def scale_wrenches(self, wrenches: Array) -> Array:
+        """Wrenches (..., 6) [N, N m] in the balance rows (..., rows), moments divided by ``moment_length`` [N]."""
+        return np.concatenate([wrenches[..., :3], wrenches[..., 3:] / self.moment_length], axis=-1)[..., : self.rows]
 
     def depth_per_acceleration(self, impact_time: float) -> float:
         """Final depth per deceleration [s^2] for an impact at t_I [s]: tau^2 / 2 if constant (Eq. 24b)."""
@@ -333,8 +337,7 @@ class ForceProblem(ForceSettings):
 
     def scaled_norm(self, wrench: ArrayLike) -> float:
         """Norm [N] of a wrench (6,) in the balance rows, moments divided by ``moment_length``."""
-        wrench = array_of("wrench", wrench, (6,))
-        return float(np.linalg.norm(np.concatenate([wrench[:3], wrench[3:] / self.moment_length])[: self.rows]))
+        return float(np.linalg.norm(self.scale_wrenches(array_of("wrench", wrench, (6,)))))
 
     def support(self, direction: ArrayLike) -> Array:
         """s_i(y) (k,): least component along ``direction`` y (rows,) that contact i can give per newton of F_n.

@@ -260,6 +260,12 @@ def energy_terms_at(problem: ForceProblem, weights: Mapping[str, float], impact_
     return {m: problem.energy_terms(impact_time, m) for m in MEASURES if weights.get(m)}
 
 
+def program_at(problem: ForceProblem, matrices: Matrices, impact_time: float) -> Program:
+    """The program of a problem at t_I [s]; ``matrices``: of the problem and the objective."""
+    terms = energy_terms_at(problem, matrices.weights, impact_time)
+    return assemble(matrices, problem.scaled_load, terms, *problem.normal_force_range(impact_time))
+
+
 def feasibility(problem: ForceProblem, lo: Array, hi: Array) -> Program:
     """The program where only its constraints matter, for F_n in [lo, hi] (k,) [N]."""
     return assemble(matrices_of(problem, {"peak": 1.0}), problem.scaled_load, {}, lo, hi)

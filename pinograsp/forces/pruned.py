@@ -98,10 +98,10 @@ class _Search:
         accept: Accept,
         solver: QPSolverName,
         rejections: dict[str, int],
-        progress_bar: tqdm,
+        bar: tqdm,
     ):
         self.problem, self.limit, self.accept, self.solver = problem, limit, accept, solver
-        self.rejections, self.bar = rejections, progress_bar
+        self.rejections, self.bar = rejections, bar
         self.lattice = g.BY_BALANCE if exact else g.BY_LATTICE
         self.cuts: list[tuple[Array, float]] = []  # (support per contact, offset): rejected where sum > limit
         self.qp_solves = 0
@@ -220,12 +220,12 @@ def _search(
     started = time.perf_counter()
     one_of("solver", solver, qp_solvers())
     tables, rejections = tabulate(problem, grid)
-    progress_bar = g.bar(sum(t.cost.size**problem.k for t in tables), f"{name} search", progress)
+    bar = g.progress_bar(sum(t.cost.size**problem.k for t in tables), f"{name} search", "cell", progress)
     least, _ = problem.normal_force_range(problem.impact_time_range[1])
     balanced = TOLERANCE.residual * load_size_of(problem.scaled_load, least)
     limit = balanced if limit is None else limit
     exact = limit <= balanced
-    search = _Search(problem, limit, exact, accept, solver, rejections, progress_bar)
+    search = _Search(problem, limit, exact, accept, solver, rejections, bar)
     interrupted = False
     try:
         # The impact time that can be cheapest first: its optimum then prunes the others.
@@ -233,7 +233,7 @@ def _search(
             search.visit(table, ())
     except KeyboardInterrupt:
         interrupted = True
-    progress_bar.close()
+    bar.close()
     if interrupted:
         status = Status.INTERRUPTED
     elif search.best is not None:

@@ -14,7 +14,8 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces.infeasibility import holds
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import feasibility
-from pinograsp.forces.reserve import Reserve, least_squeeze, widest_range
+from pinograsp.forces.reserve import Reserve
+from pinograsp.forces.reserve_search import least_squeeze, widest_range
 from pinograsp.spatial import Array
 from pinograsp.words import number
 

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, instance_of, number, share_of
-from pinograsp.contacts import Compliance, Friction
-from pinograsp.errors import InvalidInput, Status
+from pinograsp.contacts import Friction
+from pinograsp.errors import InvalidInput
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective
-from pinograsp.forces.robust import optimize_robust, robust_at, robust_weights
-from pinograsp.forces.robust_forces import RobustForces, StiffnessScenario
-from pinograsp.forces.solution import ConvexSolution
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
@@ -25,15 +19,7 @@ from pinograsp.spatial import Array
 # radius: sqrt(15 - 6 sqrt(5)) = 1.2584. An octahedron would go 1.73 times as far, a cube too.
 CIRCUMSCRIBED = float(np.sqrt(15 - 6 * np.sqrt(5)))
 LEAST_FORCE = 0.05  # [N] below, the friction of drives and joints decides, not the plan
-# A search over t_I ends at that share of the range, or after so many programs of some 10 ms each.
-_NARROW, _MOST_TRIED = 5e-3, 16
-# Rounds of linearised depths, the share of the largest force at which they are linearised at least, and what is left.
-_MADE_ROUNDS, _LITTLE, _MADE, _OTHER_TIMES = 12, 1e-3, 1e-7, 4
-# Share of the largest force by which forces may still change from one round to the next: what is linearised about them
-# is off by the square of it.
-_AGAIN = 1e-2
 _FARTHEST_OFF = 1e3  # [-] of contact stiffness
-_GOLDEN = (3 - np.sqrt(5)) / 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,7 +130,7 @@ class Reserve:
         Friction is kept back by the friction model's safety factor, torques by ``TorqueLimits.reserve``, so that the
         problem still has its own mu and limits, and margins are those of all of it.
         """
-        body = _held(instance_of("problem", problem, ForceProblem))
+        body = held_body(instance_of("problem", problem, ForceProblem))
         friction, torques, floor = problem.friction, problem.torques, problem.min_normal_force
         friction = self.kept_friction(friction)
         if self.torque and torques is not None:
@@ -168,249 +154,8 @@ class Reserve:
         }
 
 
-def optimize_reserve(
-    problem: ForceProblem,
-    reserve: Reserve,
-    impact_time: float,
-    *,
-    objective: Objective | None = None,
-) -> RobustForces:
-    """The least-cost normal forces that hold a problem's object with a reserve, for an impact at one t_I.
-
-    The loads are those of the weight, :meth:`Reserve.load_set`. The normal forces are those under the problem's
-    own load, the weight; they change with a load as contacts on equal springs would.
-
-    Args:
-        problem: of holding an object (``ForceProblem.holding``), without the reserve.
-        reserve: what to bear besides.
-        impact_time: t_I [s].
-        objective: as for :func:`~pinograsp.forces.optimize_robust`.
-
-    Raises:
-        InvalidInput: a problem without an object, or another objective.
-    """
-    instance_of("problem", problem, ForceProblem)
-    instance_of("reserve", reserve, Reserve)
-    loads, kept = _kept_back(problem, reserve)
-    return optimize_robust(kept, loads, impact_time, objective=objective, reaction="elastic")
-
-
-def search_reserve(
-    problem: ForceProblem,
-    reserve: Reserve,
-    *,
-    objective: Objective | None = None,
-    start: float | None = None,
-) -> RobustForces:
-    """The least-cost squeeze that a search over the impact times finds: a certified program at each that it tries.
-
-    Late impacts cost less, but leave less time to press; between the two the search narrows an interval around the best
-    impact time so far. Its squeeze is the proven optimum of its own impact time; that no other one is cheaper is not
-    proven.
-
-    Args:
-        problem: of holding an object, without the reserve.
-        reserve: what to bear besides.
-        objective: as for :func:`~pinograsp.forces.optimize_robust`.
-        start: impact time of an earlier squeeze [s]: if it does and no torque limit is met, there is no search.
-
-    Returns:
-        The squeeze; ``INFEASIBLE``: no impact time admits any (proven), ``INACCURATE``: none was found.
-
-    Raises:
-        InvalidInput: a problem without an object, or another objective.
-    """
-    instance_of("problem", problem, ForceProblem)
-    instance_of("reserve", reserve, Reserve)
-    started, weights = time.perf_counter(), robust_weights(objective, problem)
-    loads, kept = _kept_back(problem, reserve)
-    early, late = problem.impact_time_range
-    tried: dict[float, RobustForces] = {}
-
-    def cost(t: float) -> float:
-        if t not in tried:
-            tried[t] = robust_at(kept, loads, t, weights, reaction="elastic", proven=False)
-        certificate = tried[t].certificate
-        return np.inf if tried[t].status is not Status.OK or certificate is None else certificate.objective
-
-    if start is not None and cost(start) < np.inf:
-        found = tried[start]
-        if found.certificate is not None and not found.certificate.at_torque:
-            return found
-    first = np.linspace(early, late, 4).tolist() if late > early else [early]
-    if min([cost(t) for t in first]) == np.inf:
-        bounds = widest_range(kept)
-        none = robust_at(kept, loads, early, weights, reaction="elastic", bounds=bounds)
-        if none.status is Status.OK:
-            none = replace(tried[early], status=Status.INACCURATE)
-        return replace(none, tried=len(tried), elapsed=time.perf_counter() - started)
-    while len(tried) < _MOST_TRIED:
-        times = sorted(tried)
-        best = min(range(len(times)), key=lambda i: cost(times[i]))
-        before, after = times[max(best - 1, 0)], times[min(best + 1, len(times) - 1)]
-        if after - before <= _NARROW * (late - early):
-            break
-        # The larger of the two parts beside the best, at the golden section.
-        at = times[best]
-        cost(at + _GOLDEN * (after - at) if after - at > at - before else at - _GOLDEN * (at - before))
-    best_time = min(tried, key=cost)
-    return replace(tried[best_time], tried=len(tried), elapsed=time.perf_counter() - started)
-
-
-def least_squeeze(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | None = None) -> Array | None:
-    """Normal forces (k,) [N] of a squeeze that bears the reserve, within all that any impact time allows.
-
-    That of least largest force; None: there is none. One program, for searches.
-
-    Args:
-        problem: of holding an object, without the reserve.
-        reserve: what to bear besides the weight.
-        rows: combinations (p, k) of the depths that the hand cannot change [-], as for :func:`producible_reserve`, here
-            linearised at even forces alone.
-    """
-    instance_of("problem", problem, ForceProblem)
-    instance_of("reserve", reserve, Reserve)
-    loads, kept = _kept_back(problem, reserve)
-    made = np.zeros((0, problem.k)) if rows is None else array_of("rows", rows, (None, problem.k))
-    # About even forces F the depths are (1 + (f / F - 1) / rho) times the same: only the ratios of the forces count,
-    # where rho, the law's own or that of its slope at the load's share of a contact, does not depend on the depth.
-    share = _power_at(problem.compliance, problem.scaled_norm(problem.load) / problem.k)
-    fixed = np.asarray(made @ (share * np.eye(problem.k) + (1.0 - share) / problem.k)), np.zeros(len(made))
-    weights = robust_weights("peak", problem)
-    early, bounds = problem.impact_time_range[0], widest_range(kept)
-    found = robust_at(kept, loads, early, weights, reaction="elastic", bounds=bounds, fixed=fixed, proven=False)
-    return found.normal_forces if found.status is Status.OK else None
-
-
-def producible_reserve(
-    problem: ForceProblem,
-    reserve: Reserve,
-    squeeze: RobustForces,
-    rows: ArrayLike,
-    *,
-    objective: Objective | None = None,
-    scenarios: Callable[[ConvexSolution], Sequence[StiffnessScenario]] | None = None,
-) -> RobustForces:
-    """The least-cost squeeze with depths that the hand can press to, at or near the impact time of ``squeeze``.
-
-    ``rows`` times the depths are zero. As F_n = K delta^rho is not linear, these equations are linearised, at even
-    forces first and then at the forces found, until these keep to them. So is what the squeeze becomes on contacts of
-    another stiffness.
-
-    Args:
-        problem: of holding an object, without the reserve.
-        reserve: what to bear besides the weight.
-        squeeze: :func:`search_reserve`'s, with any depths.
-        rows: combinations (p, k) of the depths that the hand cannot change [-].
-        objective: as for :func:`~pinograsp.forces.optimize_robust`.
-        scenarios: what the forces under the problem's load become on contacts of another stiffness, to first order
-            about them; None: contacts are as stiff as assumed.
-
-    Returns:
-        The squeeze; ``INACCURATE``: none was found.
-
-    Raises:
-        InvalidInput: a problem without an object, a squeeze without forces, or another objective.
-    """
-    instance_of("problem", problem, ForceProblem)
-    instance_of("reserve", reserve, Reserve)
-    rows = array_of("rows", rows, (None, problem.k))
-    if not len(squeeze.normal_forces):
-        raise InvalidInput(f"squeeze: expected one with forces, got status '{squeeze.status}'")
-    if not len(rows) and scenarios is None:
-        return squeeze
-    started, weights = time.perf_counter(), robust_weights(objective, problem)
-    loads, kept = _kept_back(problem, reserve)
-    law, tried = problem.compliance, 0
-    times = [squeeze.impact_time, *np.linspace(*problem.impact_time_range, _OTHER_TIMES)[::-1].tolist()]
-    found = replace(squeeze, status=Status.INACCURATE)
-    for t in times:
-        F = np.full(problem.k, squeeze.normal_forces.mean()) if len(rows) else squeeze.normal_forces
-        last = squeeze
-        for _ in range(_MADE_ROUNDS):
-            least = np.maximum(F, _LITTLE * F.max())
-            depths = law.depth(least)
-            slopes = 1.0 / law.slope(depths)
-            size = float(slopes.max())
-            equations = rows * slopes / size, rows @ (slopes * F - depths) / size
-            others = () if scenarios is None else scenarios(last.under(problem.load))
-            found = robust_at(
-                kept, loads, t, weights, reaction="elastic", fixed=equations, scenarios=others, proven=False
-            )
-            tried += 1
-            if found.status is not Status.OK:
-                break
-            before, F = F, found.normal_forces
-            depths = law.depth(F)
-            made = np.abs(rows @ depths).max(initial=0.0) <= _MADE * depths.max()
-            if made and (scenarios is None or np.abs(F - before).max() <= _AGAIN * F.max()):
-                return replace(found, tried=tried, elapsed=time.perf_counter() - started)
-            last = found
-    return replace(found, status=Status.INACCURATE, tried=tried, elapsed=time.perf_counter() - started)
-
-
-def reserve_along(
-    problem: ForceProblem,
-    reserve: Reserve,
-    squeeze: RobustForces,
-    start: ArrayLike,
-    direction: ArrayLike,
-    *,
-    objective: Objective | None = None,
-) -> RobustForces:
-    """The least-cost squeeze among those whose normal forces are ``start`` plus a multiple of ``direction``.
-
-    Args:
-        problem: of holding an object, without the reserve.
-        reserve: what to bear besides the weight.
-        squeeze: :func:`search_reserve`'s, at whose impact time or near it this one is.
-        start: normal forces (k,) [N].
-        direction: of their change (k,), not all 0.
-        objective: as for :func:`~pinograsp.forces.optimize_robust`.
-
-    Returns:
-        The squeeze; ``INACCURATE``: none was found.
-
-    Raises:
-        InvalidInput: a problem without an object, forces that cannot be used, or another objective.
-    """
-    instance_of("problem", problem, ForceProblem)
-    instance_of("reserve", reserve, Reserve)
-    start, direction = array_of("start", start, (problem.k,)), array_of("direction", direction, (problem.k,))
-    size = float(np.linalg.norm(direction))
-    if not size > 0:
-        raise InvalidInput("direction: expected one in which a normal force changes, got zeros")
-    began, weights = time.perf_counter(), robust_weights(objective, problem)
-    loads, kept = _kept_back(problem, reserve)
-    across = np.eye(problem.k) - np.outer(direction, direction) / size**2
-    found, tried = replace(squeeze, status=Status.INACCURATE), 0
-    for t in [squeeze.impact_time, *np.linspace(*problem.impact_time_range, _OTHER_TIMES)[::-1].tolist()]:
-        fixed = across, across @ start
-        found = robust_at(kept, loads, t, weights, reaction="elastic", fixed=fixed, proven=False)
-        tried += 1
-        if found.status is Status.OK:
-            break
-    return replace(found, tried=tried, elapsed=time.perf_counter() - began)
-
-
-def _kept_back(problem: ForceProblem, reserve: Reserve) -> tuple[LoadSet, ForceProblem]:
-    """The loads of a reserve, and the problem with what it keeps back."""
-    return reserve.load_set(_held(problem), problem.gravity_o), reserve.problem(problem)
-
-
-def _power_at(law: Compliance, force: float) -> float:
-    """1 / rho [-] of the power law that touches a law at a normal force [N]."""
-    depth = law.depth(force or 1.0)
-    return float((force or 1.0) / (depth * law.slope(depth)))
-
-
-def widest_range(kept: ForceProblem) -> tuple[Array, Array]:
-    """All that any impact time allows of F_n: the least lower bound, of the latest one, to the largest upper bound."""
-    early, late = kept.impact_time_range
-    return kept.normal_force_range(late)[0], kept.normal_force_range(early)[1]
-
-
-def _held(problem: ForceProblem) -> Body:
+def held_body(problem: ForceProblem) -> Body:
+    """The object that a problem holds, or :class:`InvalidInput` where there is none."""
     if problem.object is None:
         raise InvalidInput("reserve: expected the problem of holding an object, got one without: ForceProblem.holding")
     return problem.object

@@ -19,7 +19,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.matrices import elastic_reaction, matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective, assemble, energy_terms_at, weights_of
-from pinograsp.forces.robust_forces import Reaction, RobustForces, StiffnessScenario, scaled_wrenches
+from pinograsp.forces.robust_forces import Reaction, RobustForces, StiffnessScenario
 from pinograsp.forces.robust_program import ReactedLoads, RobustProgram
 from pinograsp.spatial import Array
 
@@ -98,6 +98,20 @@ def robust_weights(objective: Objective | None, problem: ForceProblem) -> dict[s
     return weights
 
 
+class KeptTo(NamedTuple):
+    """What normal forces keep to besides the limits of their problem.
+
+    Attributes:
+        bounds: least and largest F_n (k,), (k,) [N]; None: the problem's at t_I.
+        fixed: rows (p, k) and values (p,) [N] of equations on F_n, at the problem's load; None: none.
+        scenarios: of other contact stiffness, on which all loads are held, too; not with a ball.
+    """
+
+    bounds: tuple[Array, Array] | None = None
+    fixed: tuple[Array, Array] | None = None
+    scenarios: Sequence[StiffnessScenario] = ()
+
+
 def robust_at(
     problem: ForceProblem,
     load_set: LoadSet,
@@ -105,9 +119,7 @@ def robust_at(
     weights: dict[str, float],
     *,
     reaction: Reaction = "friction",
-    bounds: tuple[Array, Array] | None = None,
-    fixed: tuple[Array, Array] | None = None,
-    scenarios: Sequence[StiffnessScenario] = (),
+    kept_to: KeptTo | None = None,
     proven: bool = True,
 ) -> RobustForces:
     """:func:`optimize_robust` without its checks of the arguments.
@@ -118,24 +130,22 @@ def robust_at(
         impact_time: t_I [s].
         weights: :func:`robust_weights`.
         reaction: as for :func:`optimize_robust`.
-        bounds: least and largest F_n (k,), (k,) [N]; None: the problem's at t_I.
-        fixed: rows (p, k) and values (p,) [N] of equations on F_n, at the problem's load; None: none.
-        scenarios: of other contact stiffness, on which all loads are held, too; not with a ball.
+        kept_to: what else F_n keep to.
         proven: whether to look for a proof where there are no forces; without one they are ``INACCURATE``.
     """
+    bounds, fixed, scenarios = kept_to or KeptTo()
     terms = energy_terms_at(problem, weights, impact_time)
     lo, hi = problem.normal_force_range(impact_time) if bounds is None else bounds
     # In force balance loads may differ by moments alone.
-    scaled = np.unique(scaled_wrenches(problem, load_set.loads), axis=0)
+    scaled = np.unique(problem.scale_wrenches(load_set.loads), axis=0)
     matrices, own = matrices_of(problem, weights), None
-    if (
-        matrices.fixed or scenarios
-    ):  # the planned forces, under the problem's own load, keep to the torques that the drives make
-        scaled = np.vstack([scaled_wrenches(problem, problem.load), scaled])
+    # The planned forces, under the problem's own load, keep to the torques that the drives make.
+    if matrices.fixed or scenarios:
+        scaled = np.vstack([problem.scaled_load, scaled])
         own = 0
     changes = np.zeros((len(scaled), problem.k))
     if reaction == "elastic":
-        changes = (scaled - scaled_wrenches(problem, problem.load)) @ elastic_reaction(problem).T
+        changes = (scaled - problem.scaled_load) @ elastic_reaction(problem).T
         # No contact pulls: said here as well as by friction, the proven bound is sharp.
         lo = np.maximum(lo, -changes.min(axis=0))
         if problem.max_normal_force is not None:

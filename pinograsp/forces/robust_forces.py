@@ -139,7 +139,7 @@ class RobustForces:
 
     def _shares(self, load: Array) -> tuple[Array, Array]:
         """Weights (s,) of the set's loads whose mean is nearest to ``load`` (6,), and the rest of it (rows,) [N]."""
-        scaled = scaled_wrenches(self.problem, load)
+        scaled = self.problem.scale_wrenches(load)
         size = float(np.abs(self.balanced).max()) or 1.0
         same = np.abs(self.balanced - scaled).max(axis=1) <= _SAME * size
         if same.any():
@@ -169,8 +169,3 @@ class RobustForces:
                 "infeasible: make the set smaller, or diagnose() its loads"
             )
         return f"neither forces for {loads} nor a proof that there are none: {self.status.remedy}"
-
-
-def scaled_wrenches(problem: ForceProblem, wrenches: Array) -> Array:
-    """Wrenches (..., 6) in the balance rows (..., rows), moments divided by the moment length [N]."""
-    return np.concatenate([wrenches[..., :3], wrenches[..., 3:] / problem.moment_length], axis=-1)[..., : problem.rows]

@@ -24,7 +24,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import Tolerance, objective_size_of
 from pinograsp.forces.conic import ConicMethod, exponents_of
 from pinograsp.forces.matrices import matrices_of
-from pinograsp.forces.program import assemble, energy_terms_at
+from pinograsp.forces.program import program_at
 from pinograsp.forces.solution import ConvexSolution
 from pinograsp.spatial import Array, skew
 
@@ -206,10 +206,7 @@ class _Optimum:
     def __init__(self, solution: ConvexSolution, impact_time: float):
         problem = solution.problem
         self.friction, k, d = problem.friction, problem.k, problem.friction.d
-        terms = energy_terms_at(problem, solution.weights, impact_time)
-        matrices = matrices_of(problem, solution.weights)
-        bounds = problem.normal_force_range(impact_time)
-        self.program = program = assemble(matrices, problem.scaled_load, terms, *bounds)
+        self.program = program = program_at(problem, matrices_of(problem, solution.weights), impact_time)
         found = ConicMethod(program.matrices, exponents_of(program)).solve(program)
         if found is None or not self._proves(found.x, found.y):
             raise InvalidInput(

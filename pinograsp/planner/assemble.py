@@ -12,8 +12,9 @@ import numpy as np
 
 from pinograsp.checks import instance_of, mapping_of, read_only, text_of
 from pinograsp.contacts import PALM, Closure
-from pinograsp.contacts.clearance import HOLLOW, behind_hulls, meeting
+from pinograsp.contacts.clearance import HOLLOW, behind_hulls
 from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
+from pinograsp.contacts.hits import find_overlaps
 from pinograsp.contacts.quality import on_edges
 from pinograsp.errors import SearchFailed, Status
 from pinograsp.forces import (
@@ -260,7 +261,7 @@ def pressing_too(hand: HandModel, solution: ForceSolution, q: Array) -> tuple[st
     if body is None or not hand.geometry.geometryObjects:
         return ()
     allowed = _GRAZES * float(np.max(solution.profile.final_depth))
-    return meeting(hand, body, solution.problem.contacts, q, allowed=allowed)
+    return find_overlaps(hand, body, solution.problem.contacts, q, allowed=allowed)
 
 
 def _hardly_pressing(solution: ForceSolution) -> Iterator[str]:

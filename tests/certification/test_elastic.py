@@ -12,7 +12,7 @@ from pinograsp.contacts import Friction
 from pinograsp.forces import ForceProblem, Reserve
 from pinograsp.forces.margins import disturbance_margin
 from pinograsp.forces.matrices import elastic_reaction
-from pinograsp.forces.reserve import least_squeeze
+from pinograsp.forces.reserve_search import least_squeeze
 from pinograsp.objects import Sphere
 from pinograsp.spatial import tangent_frame
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pinograsp.contacts import Friction
-from pinograsp.contacts.clearance import meeting
+from pinograsp.contacts.hits import find_overlaps
 from pinograsp.errors import GraspInfeasible, GraspNotFound, Status
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import load_hand
@@ -52,10 +52,10 @@ def test_links_that_press_without_a_contact_are_told(found):
     plan = plan_best(found, CONDITIONS, progress=False)
     contacts, q = plan.solution.problem.contacts, plan.motion.q[-1]
     links = sorted({contact.link for contact in contacts})
-    assert len(links) == 2 and meeting(plan.hand, plan.body, contacts, q, allowed=1e-5) == ()
+    assert len(links) == 2 and find_overlaps(plan.hand, plan.body, contacts, q, allowed=1e-5) == ()
     left = replace(contacts, contacts=tuple(one for one in contacts if one.link == links[0]))
-    assert meeting(plan.hand, plan.body, left, q, allowed=1e-5) == (links[1],)
-    assert meeting(plan.hand, plan.body, left, plan.closure.q, allowed=1e-5) == ()
+    assert find_overlaps(plan.hand, plan.body, left, q, allowed=1e-5) == (links[1],)
+    assert find_overlaps(plan.hand, plan.body, left, plan.closure.q, allowed=1e-5) == ()
 
 
 def test_what_is_taken_was_simulated_where_asked(found):
