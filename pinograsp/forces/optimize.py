@@ -26,8 +26,7 @@ def optimize_forces(
     """The contact forces of least cost for an impact at t_I (method of Eqs. 12-16 with the forces as variables).
 
     What does not depend on the load is prepared once and kept with the problem; ``problem.with_load(load)`` shares it.
-    Balance, friction model and
-    safety factor, caps, torque limits and deceleration shape are those of the problem.
+    Balance, friction model and safety factor, caps, torque limits and deceleration shape are those of the problem.
 
     Args:
         problem: contacts, load, friction, limits.
@@ -55,9 +54,14 @@ def optimize_forces(
     """
     started = perf_counter()
     instance_of("problem", problem, ForceProblem)
-    key, kept = _key_of(impact_time, objective, solver), problem.preparations
-    if key in kept:
-        prepared, weights, at = kept[key]
+    kept = problem.preparations
+    key: Hashable = impact_time, tuple(objective.items()) if isinstance(objective, Mapping) else objective, solver
+    try:
+        known = kept.get(key)
+    except TypeError:  # what cannot be looked up is refused below
+        known = key = None
+    if known is not None:
+        prepared, weights, at = known
         found = certified(prepared, problem, weights, at, started)
         if found is not None:
             return found
@@ -67,14 +71,3 @@ def optimize_forces(
             kept.pop(list(kept)[0], None)  # noqa: RUF015  # another thread may change it meanwhile
         kept[key] = fresh.prepared, fresh.weights, fresh.impact_time
     return replace(fresh.solve(), elapsed=perf_counter() - started)
-
-
-def _key_of(impact_time: float, objective: object, solver: str) -> Hashable:
-    """Under which a problem keeps what was prepared; None for what cannot be looked up, and is refused elsewhere."""
-    if isinstance(objective, Mapping):
-        objective = tuple(objective.items())
-    try:
-        hash((impact_time, objective, solver))
-    except TypeError:
-        return None
-    return impact_time, objective, solver
