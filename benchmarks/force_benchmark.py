@@ -72,8 +72,8 @@ from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.contacts import Contact, ContactSet
 from pinograsp.errors import InvalidInput, PinograspError, Status
 from pinograsp.forces import register_solver, to_qp, to_socp
-from pinograsp.forces.registry import asked
-from pinograsp.forces.solvers import TOLERANCES, solve_by_qpsolvers, stated
+from pinograsp.forces.registry import ask_solver
+from pinograsp.forces.solvers import TOLERANCES, solve_by_qpsolvers, state_qp
 from pinograsp.spatial import tangent_frame
 
 HERE = Path(__file__).resolve().parent
@@ -294,7 +294,7 @@ class ByQpsolvers:
         if task.kind != "qp":
             raise InvalidInput("no QP")
         qp = to_qp(task.problem, T_I, objective=task.objective)
-        return qp, stated(self.name, qp)
+        return qp, state_qp(self.name, qp)
 
     def solve(self, ready):
         return solve_by_qpsolvers(self.name, *ready, **self.settings)
@@ -394,7 +394,7 @@ class Registered:
         return to_qp(task.problem, T_I, objective=task.objective)
 
     def solve(self, program):
-        return asked(self.name, program)
+        return ask_solver(self.name, program)
 
     def answer(self, task: Task, found) -> Answer:
         if found is None:

@@ -15,7 +15,7 @@ import numpy as np
 from pinograsp.contacts import Friction
 from pinograsp.contacts.compliance import MEASURES
 from pinograsp.errors import InvalidInput
-from pinograsp.forces.answers import Answer
+from pinograsp.forces.answers import ProgramAnswer
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.program import Program
 from pinograsp.forces.solvers import quadratic, solve_rows
@@ -60,7 +60,7 @@ class DenseMethod:
         if matrices.P is not None and not peak:
             self._least_curvature = float(np.linalg.eigvalsh(matrices.P)[0])
 
-    def solve(self, program: Program) -> Answer | None:
+    def solve(self, program: Program) -> ProgramAnswer | None:
         """The solver's answer; None where it finds no solution.
 
         On cones the answer need not have converged: like every answer it is certified by the caller.
@@ -97,7 +97,7 @@ class DenseMethod:
                 return best
             new, lam = found
             step = float(np.abs(new - x).max())
-            best = Answer.alone(new[:n]) if lam is None else Answer(new[:n], lam[-equalities:], lam[rows])
+            best = ProgramAnswer.alone(new[:n]) if lam is None else ProgramAnswer(new[:n], lam[-equalities:], lam[rows])
             done = step <= _SETTLED * max(1.0, float(np.abs(new).max()))
             if done or (cones is None and not curved and not proximal):
                 break
@@ -203,7 +203,7 @@ class _Cones:
         self.weight = np.maximum(lam[: self.k * self.facets].reshape(self.k, -1).sum(axis=1), 0.0)
 
 
-def _closed(program: Program, answer: Answer) -> bool:
+def _closed(program: Program, answer: ProgramAnswer) -> bool:
     """Whether x is as good as a certificate asks: with nearly linear objectives x drifts between equal optima."""
     if not len(answer.y):
         return False

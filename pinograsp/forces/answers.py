@@ -32,14 +32,14 @@ class Checks(NamedTuple):
     lower_bound: float
 
 
-class Answer(NamedTuple):
+class ProgramAnswer(NamedTuple):
     """A solver's answer to a program, not yet checked.
 
     Attributes:
         x: scaled forces (k d,).
         y: balance multipliers (rows,); empty where the solver gives none.
         w: torque multipliers (m,).
-        checks: of x, where the solver computes them in the same way as :func:`certify`, else None.
+        checks: of x, where the solver computes them in the same way as :func:`certify_answer`, else None.
     """
 
     x: Array
@@ -48,7 +48,7 @@ class Answer(NamedTuple):
     checks: Checks | None = None
 
     @classmethod
-    def alone(cls, x: Array) -> Answer:
+    def alone(cls, x: Array) -> ProgramAnswer:
         """x without multipliers."""
         return cls(x, np.zeros(0), np.zeros(0))
 
@@ -68,7 +68,9 @@ class CertifiedForces:
     certificate: Certificate
 
 
-def certify(problem: ForceProblem, program: Program, answer: Answer, *, settle: bool = True) -> CertifiedForces:
+def certify_answer(
+    problem: ForceProblem, program: Program, answer: ProgramAnswer, *, settle: bool = True
+) -> CertifiedForces:
     """The forces of an answer, the balance's residual removed by the least correction, and their certificate.
 
     Without multipliers the lower bound is the objective's least conceivable value. ``settle`` False: forces as they
@@ -106,7 +108,7 @@ def forces_of(problem: ForceProblem, x: Array, force_scale: float) -> tuple[Arra
     return forces, z[:, 2] * widths[:, 2] if friction.d == 4 else np.zeros(problem.k)
 
 
-def _checked(program: Program, answer: Answer, settle: bool) -> tuple[Array, Checks]:
+def _checked(program: Program, answer: ProgramAnswer, settle: bool) -> tuple[Array, Checks]:
     """x with the balance's residual removed, unless it is not to be, and its checks."""
     x = answer.x
     violation, gauge, residual = program.violations(x)

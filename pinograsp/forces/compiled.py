@@ -1,8 +1,8 @@
 """The compiled path: scale, solve, check and record one force problem in a single call of the core.
 
 Data that depend neither on the load nor on the impact time are in a :class:`~pinograsp.forces.template.Template`, data
-that do not depend on the load in :class:`Prepared`. The checks are those of :mod:`pinograsp.forces.program`; the tests
-compare the two. Problems that this path cannot certify go to the general one.
+that do not depend on the load in :class:`PreparedForces`. The checks are those of :mod:`pinograsp.forces.program`; the
+tests compare the two. Problems that this path cannot certify go to the general one.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from pinograsp import core
 from pinograsp.checks import record_of
-from pinograsp.forces.answers import Answer, Checks
+from pinograsp.forces.answers import Checks, ProgramAnswer
 from pinograsp.forces.certificate import NEGLIGIBLE, TOLERANCE, VANISHING, Certificate
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import EnergyTerms, Program
@@ -37,7 +37,7 @@ def arrays_of(program: Program, fixed: Template) -> tuple[Array, ...]:
     )
 
 
-def solve_program(problem: ForceProblem, program: Program, fixed: Template, name: str) -> Answer | None:
+def solve_program(problem: ForceProblem, program: Program, fixed: Template, name: str) -> ProgramAnswer | None:
     """The answer of a compiled method with its checks; None where it finds none. ``fixed``: the program's matrices."""
     if np.any(program.hi - program.lo <= 1e-9 * program.hi):
         return None
@@ -49,7 +49,7 @@ def solve_program(problem: ForceProblem, program: Program, fixed: Template, name
         return None
     w = np.zeros(len(program.R))
     w[fixed.order] = y[m:]
-    return Answer(x.reshape(d, k).T.ravel(), y[:m], w, Checks(violation, gauge, residual, value, bound))
+    return ProgramAnswer(x.reshape(d, k).T.ravel(), y[:m], w, Checks(violation, gauge, residual, value, bound))
 
 
 class CompiledForces(NamedTuple):
@@ -68,7 +68,7 @@ class CompiledForces(NamedTuple):
     torsion: Array
 
 
-class Prepared:
+class PreparedForces:
     """Everything of a force problem but its load, at one impact time, for one objective and compiled method."""
 
     def __init__(

@@ -13,7 +13,7 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-from pinograsp.forces.answers import Answer
+from pinograsp.forces.answers import ProgramAnswer
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.program import Program
 from pinograsp.forces.standard_form import Cones, ConicProgram
@@ -61,7 +61,7 @@ def sparse(rows: Array) -> sp.csc_matrix:
     return sp.csc_matrix((columns[kept], np.nonzero(kept)[1], starts), shape=rows.shape)
 
 
-def stacked(blocks: Sequence[Sequence[Array | None]], widths: Sequence[int]) -> Array:
+def stack_blocks(blocks: Sequence[Sequence[Array | None]], widths: Sequence[int]) -> Array:
     """Block rows one above the other, of columns of these widths; None: zeros."""
     heights = [next(len(block) for block in row if block is not None) for row in blocks]
     found = np.zeros((sum(heights), sum(widths)))
@@ -264,7 +264,7 @@ class ConicMethod:
             on_force[2::3] = -select
             blocks.append([on_force, None, on_power])
             powers += [1 / exponent] * k
-        self.exponents, self._A = exponents, sparse(stacked(blocks, (n, peak, extra)))
+        self.exponents, self._A = exponents, sparse(stack_blocks(blocks, (n, peak, extra)))
         self._cones = Cones(matrices.rows, len(linear) + 2 * m + peak * k, tuple(sizes), tuple(powers))
         self.torque_at = matrices.rows + len(linear)
 
@@ -294,7 +294,7 @@ class ConicMethod:
             P = sp.csc_matrix(sp.block_diag([sp.csc_matrix(program.P), sp.csc_matrix((size - n,) * 2)]))
         return ConicProgram(P=P, q=q, A=self._A, b=b, cones=self._cones)
 
-    def solve(self, program: Program) -> Answer | None:
+    def solve(self, program: Program) -> ProgramAnswer | None:
         """The interior-point method's answer; None where it is not finite."""
         socp = self.standard_form(program)
         found = solve(sp.csc_matrix(sp.triu(socp.P)), socp.q, socp.A, socp.b, socp.cones.clarabel())
@@ -303,12 +303,12 @@ class ConicMethod:
             return None
         return self.answer(program, x, z)
 
-    def answer(self, program: Program, x: Array, z: Array | None) -> Answer:
+    def answer(self, program: Program, x: Array, z: Array | None) -> ProgramAnswer:
         """The answer of the unknowns x, and of the rows' multipliers z."""
         n, m, rows = program.k * program.d, len(program.R), self.torque_at
         if z is None:
-            return Answer.alone(x[:n])
-        return Answer(x[:n], z[: len(program.b)], z[rows : rows + m] - z[rows + m : rows + 2 * m])
+            return ProgramAnswer.alone(x[:n])
+        return ProgramAnswer(x[:n], z[: len(program.b)], z[rows : rows + m] - z[rows + m : rows + 2 * m])
 
 
 def exponents_of(program: Program) -> tuple[float, ...]:

@@ -12,7 +12,7 @@ from pinograsp.forces.certificate import Infeasibility
 from pinograsp.forces.infeasibility import holds, load_factors, prove
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import feasibility
-from pinograsp.forces.relaxation import LARGEST_FRICTION, Setup, relaxations_of
+from pinograsp.forces.relaxation import LARGEST_FRICTION, Setup, find_relaxations
 from pinograsp.spatial import Array
 
 
@@ -132,7 +132,7 @@ def _limits_that_would_do(problem: ForceProblem, impact_time: float) -> list[str
         low, high = other.problem.normal_force_range(impact_time)
         return bool(np.all(low <= high)) and holds(feasibility(other.problem, low, high))
 
-    options = relaxations_of(setup, does, kinds=1) if not does(setup) else ()
+    options = find_relaxations(setup, does, kinds=1) if not does(setup) else ()
     return [f"  would do: {'; and '.join(one.words(setup) for one in option)}" for option in options]
 
 

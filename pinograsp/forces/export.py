@@ -10,13 +10,13 @@ from typing import Any
 from pinograsp.checks import instance_of, read_only
 from pinograsp.errors import Status
 from pinograsp.forces.active_set import DenseMethod
-from pinograsp.forces.answers import Answer, certify
+from pinograsp.forces.answers import ProgramAnswer, certify_answer
 from pinograsp.forces.conic import ConicMethod, exponents_of
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective, Program, program_at, weights_of
 from pinograsp.forces.solution import ConvexSolution, solution_of
-from pinograsp.forces.solver_order import Outcome
+from pinograsp.forces.solver_order import ProgramOutcome
 from pinograsp.forces.standard_form import NORMAL, Column, ForceQP, ForceSOCP, ScaledForces
 from pinograsp.spatial import Array
 
@@ -101,12 +101,12 @@ def _judged(
     started, x = perf_counter(), x[: program.k * program.d]
     if y is None or w is None:
         own = ConicMethod(program.matrices, exponents_of(program)).solve(program)
-        answer = Answer.alone(x) if own is None else own._replace(x=x)
+        answer = ProgramAnswer.alone(x) if own is None else own._replace(x=x)
     else:
-        answer = Answer(x, y, w)
-    found = certify(problem, program, answer, settle=settle)
+        answer = ProgramAnswer(x, y, w)
+    found = certify_answer(problem, program, answer, settle=settle)
     status = Status.OK if found.certificate.is_optimal() else Status.INACCURATE
-    outcome = Outcome(status=status, solver="", forces=found)
+    outcome = ProgramOutcome(status=status, solver="", forces=found)
     return solution_of(
         problem, outcome, impact_time=impact_time, weights=dict(program.matrices.weights), started=started
     )

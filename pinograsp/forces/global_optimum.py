@@ -24,7 +24,7 @@ from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective, Program, assemble, energy_terms_at, program_at, weights_of
 from pinograsp.forces.solution import Branch, GlobalSolution, solution_of
-from pinograsp.forces.solver_order import Outcome, SolverName, SolverOrder, check_solver
+from pinograsp.forces.solver_order import ProgramOutcome, SolverName, SolverOrder, check_solver
 
 _NARROWEST = 1e-10  # [s]: on narrower intervals of t_I the bounds differ by less than the certificates' accuracy
 # Largest number of intervals that are split, and of relaxations that no solver decides: at the limit of feasibility
@@ -136,7 +136,7 @@ class _Search:
             self.best, self.best_value = found.forces, found.forces.certificate.objective
             self.best_time, self.best_solver = t, found.solver
 
-    def solved(self, program: Program) -> Outcome:
+    def solved(self, program: Program) -> ProgramOutcome:
         """The outcome of a program; of several proofs the one with the least margin is kept."""
         found = self.solvers.solve(self.problem, program, first=self.first)
         if self.solver == "auto" and found.status is Status.OK:
@@ -168,7 +168,7 @@ class _Search:
     def solution(self, gap: float, interrupted: bool, started: float) -> GlobalSolution:
         if self.best is None:
             undecided = Status.INACCURATE if self.unresolved or self.open else Status.INFEASIBLE
-            outcome = Outcome(
+            outcome = ProgramOutcome(
                 status=Status.INTERRUPTED if interrupted else undecided, solver=self.solver, infeasibility=self.proof
             )
         else:
@@ -177,6 +177,6 @@ class _Search:
             closed = certificate.relative_gap <= gap * (1 + 1e-9)
             status = Status.INTERRUPTED if interrupted else Status.OK if closed else Status.INACCURATE
             forces = replace(self.best, certificate=certificate)
-            outcome = Outcome(status=status, solver=self.best_solver, forces=forces)
+            outcome = ProgramOutcome(status=status, solver=self.best_solver, forces=forces)
         found = solution_of(self.problem, outcome, impact_time=self.best_time, weights=self.weights, started=started)
         return GlobalSolution(**vars(found), branches=tuple(self.log))

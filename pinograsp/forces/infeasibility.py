@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from pinograsp.checks import brief, read_only
 from pinograsp.forces.answers import forces_of
 from pinograsp.forces.certificate import TOLERANCE, Infeasibility
-from pinograsp.forces.conic import limit_rows, solve, solve_linear, sparse, stacked
+from pinograsp.forces.conic import limit_rows, solve, solve_linear, sparse, stack_blocks
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
 from pinograsp.spatial import Array, BoolArray
@@ -54,7 +54,7 @@ def closest(program: Program) -> Closest | None:
     norm[0, -1] = -1.0
     norm[1:, :-1] = -np.eye(extra - 1)
     one = np.eye(extra)[rows:-1]
-    A = stacked(
+    A = stack_blocks(
         [
             [program.A, -np.eye(rows, extra)],
             [fixed, None],
@@ -177,7 +177,7 @@ def extreme_multiple(program: Program, column: Array, sign: int) -> float | None
         z, y, w = found
         bound = sign * max(sign * bound, sign * _bound(program, column, sign, y, w))
         here = replace(program, b=program.b + max(0.0, z[n]) * column)
-        if missed(here, here.settled(z[:n], here.A @ z[:n] - here.b)) <= TOLERANCE.violation:
+        if measure_miss(here, here.settled(z[:n], here.A @ z[:n] - here.b)) <= TOLERANCE.violation:
             value = max(0.0, float(z[n]))
             if abs(bound - value) <= _SHARP * max(1.0, bound):
                 return value / size
@@ -208,7 +208,7 @@ def _bound(program: Program, column: Array, sign: int, y: Array, w: Array) -> fl
     return max(0.0, sign * program.excluded(y / along, w / along))
 
 
-def missed(program: Program, x: Array) -> float:
+def measure_miss(program: Program, x: Array) -> float:
     """By how much x misses balance or limits, relative to the load or the largest F_n, whichever is larger."""
     violation, _, residual = program.violations(x)
     return max(violation, float(np.linalg.norm(residual))) / _size(program, x)

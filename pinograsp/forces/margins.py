@@ -17,7 +17,7 @@ from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import TOLERANCE
 from pinograsp.forces.conic import cone_rows, solve_linear
-from pinograsp.forces.infeasibility import extreme_multiple, holds, missed
+from pinograsp.forces.infeasibility import extreme_multiple, holds, measure_miss
 from pinograsp.forces.matrices import elastic_reaction
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program, feasibility
@@ -216,7 +216,7 @@ def _reached(program: Program, column: Array, springs: Array) -> float:
     x, s = found[0][:n], float(found[0][n])
     x[program.d - 1 :: program.d] = program.lo + s * changes[:, 0]
     here = replace(free, b=program.b + s * column)
-    if not s > 0 or missed(here, here.settled(x, here.A @ x - here.b)) > _HELD:
+    if not s > 0 or measure_miss(here, here.settled(x, here.A @ x - here.b)) > _HELD:
         return 0.0
     return np.inf if s > _ANY * (1 - 1e-3) else s / size
 
@@ -281,7 +281,7 @@ def _section(program: Program, rows: IntArray, springs: Array) -> InscribedBall:
             x, wrench = found[0][:n], found[0][n:]
             x[program.d - 1 :: program.d] = program.lo + changes @ wrench
             here = replace(free, b=program.b - pick @ wrench)
-            if missed(here, here.settled(x, here.A @ x - here.b)) <= _HELD:
+            if measure_miss(here, here.settled(x, here.A @ x - here.b)) <= _HELD:
                 return wrench
         held = False
         return np.zeros(len(rows))

@@ -64,7 +64,7 @@ def registered(takes: Takes | None = None) -> tuple[str, ...]:
     return tuple(name for name, solver in _SOLVERS.items() if takes in (None, solver.takes))
 
 
-def asked(name: str, program: QuadraticProgram | ConicProgram) -> Answered | None:
+def ask_solver(name: str, program: QuadraticProgram | ConicProgram) -> Answered | None:
     """The answer of the registered solver ``name``; None where it finds none. Its exceptions are the caller's.
 
     Raises:

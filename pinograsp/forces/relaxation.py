@@ -266,7 +266,7 @@ def forces_exist(setup: Setup, rows: Array | None = None) -> bool:
         return False
 
 
-def relaxations_of(
+def find_relaxations(
     setup: Setup, works: Callable[[Setup], bool], *, sharp: float = _SHARP, kinds: int = 4
 ) -> Iterator[tuple[Relaxation, ...]]:
     """What would do, option by option: a limit relaxed alone, or several together where none of their kind does alone.
@@ -309,7 +309,7 @@ def _all(setup: Setup, limits: Iterable[LimitName]) -> Setup:
     return setup
 
 
-def relaxed(setup: Setup, relaxations: Iterable[Relaxation]) -> Setup:
+def relax(setup: Setup, relaxations: Iterable[Relaxation]) -> Setup:
     """With all of these."""
     for one in relaxations:
         setup = one.applied(setup)
@@ -337,7 +337,7 @@ class _Least:
         """As little as does, of one after the other: those before as little as does, those after as far as can be."""
         done: list[Relaxation] = []
         for i, limit in enumerate(limits):
-            beside = _all(relaxed(self.setup, done), limits[i + 1 :])
+            beside = _all(relax(self.setup, done), limits[i + 1 :])
             done.append(self.least(limit, beside))
         return tuple(done)
 
@@ -376,7 +376,7 @@ class _Least:
         return replace(found, joints=tuple(joints), factor=math.ceil(found.factor * 10**digits) / 10**digits)
 
 
-def in_words(
+def describe_relaxations(
     options: Sequence[tuple[Relaxation, ...]], setup: Setup, slides: Sequence[bool] = (), how: Sequence[str] = ()
 ) -> tuple[str, ...]:
     """A lead and a line per option, all of which were tried; ``how``: what is to be said of each. Empty: no options."""

@@ -15,7 +15,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective
 from pinograsp.forces.reserve import Reserve, held_body
-from pinograsp.forces.robust import KeptTo, optimize_robust, robust_at, robust_weights
+from pinograsp.forces.robust import Restrictions, optimize_robust, robust_at, robust_weights
 from pinograsp.forces.robust_forces import RobustForces, StiffnessScenario
 from pinograsp.forces.solution import ConvexSolution
 from pinograsp.spatial import Array
@@ -44,10 +44,18 @@ class _ReserveProgram:
         self.weights = robust_weights(objective, problem)
         self.loads, self.kept = reserve.load_set(held_body(problem), problem.gravity_o), reserve.problem(problem)
 
-    def solve(self, impact_time: float, kept_to: KeptTo | None = None, *, proven: bool = False) -> RobustForces:
+    def solve(
+        self, impact_time: float, restrictions: Restrictions | None = None, *, proven: bool = False
+    ) -> RobustForces:
         """As :func:`robust_at`, where the contacts react as springs."""
         return robust_at(
-            self.kept, self.loads, impact_time, self.weights, reaction="elastic", kept_to=kept_to, proven=proven
+            self.kept,
+            self.loads,
+            impact_time,
+            self.weights,
+            reaction="elastic",
+            restrictions=restrictions,
+            proven=proven,
         )
 
     def times_near(self, squeeze: RobustForces) -> list[float]:
@@ -122,7 +130,7 @@ def search_reserve(
             return found
     first = np.linspace(early, late, 4).tolist() if late > early else [early]
     if min([cost(t) for t in first]) == np.inf:
-        none = program.solve(early, KeptTo(bounds=widest_range(program.kept)), proven=True)
+        none = program.solve(early, Restrictions(bounds=widest_range(program.kept)), proven=True)
         if none.status is Status.OK:
             none = replace(tried[early], status=Status.INACCURATE)
         return replace(none, tried=len(tried), elapsed=time.perf_counter() - started)
@@ -156,7 +164,7 @@ def least_squeeze(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | 
     # where rho, the law's own or that of its slope at the load's share of a contact, does not depend on the depth.
     share = _power_at(problem.compliance, problem.scaled_norm(problem.load) / problem.k)
     fixed = np.asarray(made @ (share * np.eye(problem.k) + (1.0 - share) / problem.k)), np.zeros(len(made))
-    found = program.solve(problem.impact_time_range[0], KeptTo(bounds=widest_range(program.kept), fixed=fixed))
+    found = program.solve(problem.impact_time_range[0], Restrictions(bounds=widest_range(program.kept), fixed=fixed))
     return found.normal_forces if found.status is Status.OK else None
 
 
@@ -208,7 +216,7 @@ def producible_reserve(
             size = float(slopes.max())
             equations = rows * slopes / size, rows @ (slopes * F - depths) / size
             others = () if scenarios is None else scenarios(last.under(problem.load))
-            found = program.solve(t, KeptTo(fixed=equations, scenarios=others))
+            found = program.solve(t, Restrictions(fixed=equations, scenarios=others))
             tried += 1
             if found.status is not Status.OK:
                 break
@@ -254,7 +262,7 @@ def reserve_along(
     across = np.eye(problem.k) - np.outer(direction, direction) / size**2
     found, tried = replace(squeeze, status=Status.INACCURATE), 0
     for t in program.times_near(squeeze):
-        found = program.solve(t, KeptTo(fixed=(across, across @ start)))
+        found = program.solve(t, Restrictions(fixed=(across, across @ start)))
         tried += 1
         if found.status is Status.OK:
             break

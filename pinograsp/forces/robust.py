@@ -98,7 +98,7 @@ def robust_weights(objective: Objective | None, problem: ForceProblem) -> dict[s
     return weights
 
 
-class KeptTo(NamedTuple):
+class Restrictions(NamedTuple):
     """What normal forces keep to besides the limits of their problem.
 
     Attributes:
@@ -119,7 +119,7 @@ def robust_at(
     weights: dict[str, float],
     *,
     reaction: Reaction = "friction",
-    kept_to: KeptTo | None = None,
+    restrictions: Restrictions | None = None,
     proven: bool = True,
 ) -> RobustForces:
     """:func:`optimize_robust` without its checks of the arguments.
@@ -130,10 +130,10 @@ def robust_at(
         impact_time: t_I [s].
         weights: :func:`robust_weights`.
         reaction: as for :func:`optimize_robust`.
-        kept_to: what else F_n keep to.
+        restrictions: what else F_n keep to.
         proven: whether to look for a proof where there are no forces; without one they are ``INACCURATE``.
     """
-    bounds, fixed, scenarios = kept_to or KeptTo()
+    bounds, fixed, scenarios = restrictions or Restrictions()
     terms = energy_terms_at(problem, weights, impact_time)
     lo, hi = problem.normal_force_range(impact_time) if bounds is None else bounds
     # In force balance loads may differ by moments alone.

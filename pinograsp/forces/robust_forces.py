@@ -12,13 +12,13 @@ from scipy.optimize import nnls
 
 from pinograsp.checks import array_of, brief
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.answers import Answer, Checks, certify
+from pinograsp.forces.answers import Checks, ProgramAnswer, certify_answer
 from pinograsp.forces.certificate import Certificate, Infeasibility
 from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import feasibility
 from pinograsp.forces.solution import ConvexSolution, solution_of
-from pinograsp.forces.solver_order import Outcome
+from pinograsp.forces.solver_order import ProgramOutcome
 from pinograsp.spatial import Array
 
 Reaction = Literal["friction", "elastic"]
@@ -132,8 +132,8 @@ class RobustForces:
         y, w = np.zeros(len(program.b)), np.zeros(len(program.R))
         bound = program.lower_bound(x, y, w)
         checks = Checks(violation, gauge, residual, program.value(x), bound)
-        forces = certify(problem, program, Answer(x, y, w, checks))
-        outcome = Outcome(status=self.status, solver="clarabel", forces=forces)
+        forces = certify_answer(problem, program, ProgramAnswer(x, y, w, checks))
+        outcome = ProgramOutcome(status=self.status, solver="clarabel", forces=forces)
         found = solution_of(problem, outcome, impact_time=self.impact_time, weights=self.weights, started=started)
         return replace(found, search="robust", certificate=self.certificate)
 

@@ -69,10 +69,10 @@ def grid_search(
         found = brute_force(problem, grid, progress=progress)
     else:
         found = pruned_search(problem, grid, solver=solver, progress=progress)
-    return refined(found, solver) if search == "paper+qp" and found.found else found
+    return refine_search(found, solver) if search == "paper+qp" and found.found else found
 
 
-def refined(solution: GridSolution, solver: QPSolverName = "daqp") -> GridSolution:
+def refine_search(solution: GridSolution, solver: QPSolverName = "daqp") -> GridSolution:
     """``solution`` with its multipliers replaced by the QP's; status ``UNBALANCED`` where its F_n admit no balance."""
     started = time.perf_counter()
     refinement = refine_multipliers(solution.problem, solution.normal_forces, solver=solver)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import instance_of, record_of
 from pinograsp.errors import Status
-from pinograsp.forces.compiled import Prepared
+from pinograsp.forces.compiled import PreparedForces
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective, assemble, energy_terms_at, weights_of
@@ -60,11 +60,11 @@ class ForceSolver:
         self.solvers = self._order.order
         self._terms = energy_terms_at(problem, self.weights, self.impact_time)
         self._bounds = problem.normal_force_range(self.impact_time)
-        self.prepared: Prepared | None = None
+        self.prepared: PreparedForces | None = None
         method = self.solvers[0]
         # Equations of an underactuated hand have one side each: as programs alone their other side is set.
         if method in COMPILED and self._order.takes(method) and not self._matrices.fixed:
-            self.prepared = Prepared(problem, self._order.template, method, self._terms, self._bounds)
+            self.prepared = PreparedForces(problem, self._order.template, method, self._terms, self._bounds)
 
     def solve(self, load: ArrayLike | None = None) -> ConvexSolution:
         """The forces for a load (6,), linear first, about the centre of mass, world axes [N, N m].
@@ -90,7 +90,11 @@ class ForceSolver:
 
 
 def certified(
-    prepared: Prepared | None, problem: ForceProblem, weights: Mapping[str, float], impact_time: float, started: float
+    prepared: PreparedForces | None,
+    problem: ForceProblem,
+    weights: Mapping[str, float],
+    impact_time: float,
+    started: float,
 ) -> ConvexSolution | None:
     """The core's certified answer; None where it has none. ``prepared``: for this problem under any load."""
     found = None if prepared is None else prepared.forces(problem.load)

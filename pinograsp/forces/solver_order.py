@@ -12,7 +12,7 @@ from pinograsp import core
 from pinograsp.checks import one_of
 from pinograsp.errors import Status
 from pinograsp.forces.active_set import DenseMethod
-from pinograsp.forces.answers import Answer, CertifiedForces, certify
+from pinograsp.forces.answers import CertifiedForces, ProgramAnswer, certify_answer
 from pinograsp.forces.certificate import Infeasibility
 from pinograsp.forces.compiled import solve_program
 from pinograsp.forces.conic import HUGE, ConicMethod, exponents_of
@@ -20,7 +20,7 @@ from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
-from pinograsp.forces.registry import Takes, asked, register, registered
+from pinograsp.forces.registry import Takes, ask_solver, register, registered
 from pinograsp.forces.solvers import OwnQPSolver, qp_solvers
 from pinograsp.forces.template import Template
 
@@ -68,7 +68,7 @@ def register_solver(name: str, function: Callable[[Any], Any], *, takes: Takes =
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Outcome:
+class ProgramOutcome:
     """The outcome of a program.
 
     Attributes:
@@ -113,32 +113,32 @@ class SolverOrder:
         """Whether a compiled method takes these matrices."""
         return self._matrices.separates if name == "newton" else self._matrices.decoupled
 
-    def solve(self, problem: ForceProblem, program: Program, *, first: str = "", tried: bool = False) -> Outcome:
+    def solve(self, problem: ForceProblem, program: Program, *, first: str = "", tried: bool = False) -> ProgramOutcome:
         """Forces of a program, or the proof that there are none; where a certificate fails the next method is tried.
 
         ``first`` is tried before the others. ``tried``: the first of ``order`` was tried elsewhere, without success.
         """
         if np.any(program.lo > program.hi):
-            return Outcome(status=Status.INFEASIBLE, solver="", infeasibility=prove(problem, program))
+            return ProgramOutcome(status=Status.INFEASIBLE, solver="", infeasibility=prove(problem, program))
         order = self.order if not first else tuple(dict.fromkeys((first, *self.order)))
-        best = Outcome(status=Status.INACCURATE, solver=order[0])
+        best = ProgramOutcome(status=Status.INACCURATE, solver=order[0])
         for name in order:
             answer = None if tried and name == self.order[0] else self._answer(problem, program, name)
             if answer is None or not all(np.abs(part).max(initial=0.0) < HUGE for part in answer[:3]):
                 continue
-            found = certify(problem, program, answer)
+            found = certify_answer(problem, program, answer)
             if found.certificate.is_optimal():
-                return Outcome(status=Status.OK, solver=name, forces=found)
+                return ProgramOutcome(status=Status.OK, solver=name, forces=found)
             # Recorded if nothing better follows: the answer that misses its limits least.
             violation = found.certificate.violation
             if violation <= _USEFUL * program.force_scale and (
                 best.forces is None or violation < best.forces.certificate.violation
             ):
-                best = Outcome(status=Status.INACCURATE, solver=name, forces=found)
+                best = ProgramOutcome(status=Status.INACCURATE, solver=name, forces=found)
         proof = prove(problem, program)
-        return best if proof is None else Outcome(status=Status.INFEASIBLE, solver=order[0], infeasibility=proof)
+        return best if proof is None else ProgramOutcome(status=Status.INFEASIBLE, solver=order[0], infeasibility=proof)
 
-    def _answer(self, problem: ForceProblem, program: Program, name: str) -> Answer | None:
+    def _answer(self, problem: ForceProblem, program: Program, name: str) -> ProgramAnswer | None:
         if name in COMPILED:
             if not self.takes(name):
                 return None
@@ -147,7 +147,7 @@ class SolverOrder:
             return self._over_cones(program).solve(program)
         if name in registered("socp"):
             method = self._over_cones(program)
-            found = asked(name, method.standard_form(program))
+            found = ask_solver(name, method.standard_form(program))
             answer = None if found is None else method.answer(program, found.x, found.z)
         else:
             if name not in self._dense:

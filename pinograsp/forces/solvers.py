@@ -11,7 +11,7 @@ import qpsolvers
 import scipy.sparse as sp
 
 from pinograsp.checks import one_of
-from pinograsp.forces.registry import Answered, asked, registered
+from pinograsp.forces.registry import Answered, ask_solver, registered
 from pinograsp.forces.standard_form import QuadraticProgram
 from pinograsp.spatial import Array, BoolArray
 
@@ -127,10 +127,10 @@ def solve_rows(
 def _solved(solver: str, qp: QuadraticProgram, *, only_found: bool = False) -> Answered | None:
     """The answer of a solver; None where it has none. ``only_found``: nor where it does not call it a solution."""
     if solver in registered():
-        return asked(solver, qp)
+        return ask_solver(solver, qp)
     one_of("solver", solver, qp_solvers())
     try:
-        found = solve_by_qpsolvers(solver, qp, stated(solver, qp), **TOLERANCES.get(solver, {}))
+        found = solve_by_qpsolvers(solver, qp, state_qp(solver, qp), **TOLERANCES.get(solver, {}))
     except (qpsolvers.ProblemError, qpsolvers.SolverError):  # quadprog, ECOS: a Hessian that is nearly singular
         return None
     if found.x is None or not np.all(np.isfinite(found.x)) or (only_found and not found.found):
@@ -139,7 +139,7 @@ def _solved(solver: str, qp: QuadraticProgram, *, only_found: bool = False) -> A
     return Answered(np.array(found.x), found.y, found.z, found.z_box)
 
 
-def stated(solver: str, qp: QuadraticProgram) -> qpsolvers.Problem:
+def state_qp(solver: str, qp: QuadraticProgram) -> qpsolvers.Problem:
     """The QP as qpsolvers hands it to this solver without another conversion: sparse where it takes nothing else."""
     P, q, G, h, A, b, lb, ub = qp.matrices
     if solver in _NO_INFINITY:
@@ -154,7 +154,7 @@ def stated(solver: str, qp: QuadraticProgram) -> qpsolvers.Problem:
 def solve_by_qpsolvers(
     solver: str, qp: QuadraticProgram, problem: qpsolvers.Problem, **settings: Any
 ) -> qpsolvers.Solution:
-    """qpsolvers' solution, whatever it says, of the QP and what :func:`stated` makes of it, with these settings."""
+    """qpsolvers' solution, whatever it says, of the QP and what :func:`state_qp` makes of it, with these settings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what they remark on is judged elsewhere
         found = qpsolvers.solve_problem(problem, solver=solver, **settings)

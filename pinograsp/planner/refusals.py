@@ -32,10 +32,10 @@ from pinograsp.forces.relaxation import (
     LARGEST_FRICTION,
     Relaxation,
     Setup,
+    describe_relaxations,
+    find_relaxations,
     forces_exist,
-    in_words,
-    relaxations_of,
-    relaxed,
+    relax,
 )
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.motion import PressingTogether, pressing_together, torque_limits, torques_matter
@@ -68,7 +68,7 @@ def with_advice(error: SearchFailed, hand: HandModel, setup: Setup, plan: Callab
     searched = _with_torques(hand, error.solution.problem, setup)
     slides = hand.slides.tolist()
     options = _options(hand, setup, searched, plan)
-    lines: Sequence[str] = in_words(
+    lines: Sequence[str] = describe_relaxations(
         [option.relaxations for option in options],
         searched,
         slides,
@@ -103,13 +103,13 @@ def _options(hand: HandModel, setup: Setup, searched: Setup, plan: Callable[[Set
     found: list[Option] = []
     by_forces = not forces_exist(searched, rows)
     if by_forces:
-        candidates = relaxations_of(searched, lambda other: forces_exist(other, rows))
+        candidates = find_relaxations(searched, lambda other: forces_exist(other, rows))
     else:  # whole plans show what else is in the way
-        candidates = relaxations_of(setup, lambda other: try_plan(plan, other) is not None, sharp=_COARSE)
+        candidates = find_relaxations(setup, lambda other: try_plan(plan, other) is not None, sharp=_COARSE)
     for relaxations, _ in zip(candidates, range(_TRIED)):
         for times in _WIDER:
             wider = tuple(one.wider(times).rounded(searched) for one in relaxations)
-            status = try_plan(plan, relaxed(setup, wider))
+            status = try_plan(plan, relax(setup, wider))
             if status is not None:
                 found.append(Option(relaxations=wider, status=status))
                 break

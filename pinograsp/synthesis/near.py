@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from pinograsp.forces import GraspConditions, optimize_forces
-from pinograsp.forces.relaxation import LARGEST_FRICTION, Setup, forces_exist, in_words, relaxations_of
+from pinograsp.forces.relaxation import LARGEST_FRICTION, Setup, describe_relaxations, find_relaxations, forces_exist
 from pinograsp.motion import effort_of, pressing_together
 from pinograsp.synthesis.found import FoundGrasp, problem_of
 
@@ -43,4 +43,4 @@ def what_would_do(near: tuple[FoundGrasp, ...], conditions: GraspConditions, imp
     def does(other: Setup) -> bool:
         return forces_exist(other, rows) and optimize_forces(other.problem, impact_time).found
 
-    return in_words(tuple(relaxations_of(setup, does)), setup, hand.slides.tolist())
+    return describe_relaxations(tuple(find_relaxations(setup, does)), setup, hand.slides.tolist())

@@ -9,7 +9,7 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.forces import Reserve, TorqueLimits, diagnose
-from pinograsp.forces.relaxation import Setup, forces_exist, relaxations_of, relaxed
+from pinograsp.forces.relaxation import Setup, find_relaxations, forces_exist, relax
 
 MU, MASS = 0.6, 0.4
 WEIGHT = 9.81 * MASS
@@ -40,13 +40,13 @@ def jaws(contact_set):
 
 
 def options(setup, works=forces_exist):
-    found = {tuple(one.limit for one in option): option for option in relaxations_of(setup, works)}
+    found = {tuple(one.limit for one in option): option for option in find_relaxations(setup, works)}
     for option in found.values():  # every one of them does, and hardly more than needed
-        assert works(relaxed(setup, option))
+        assert works(relax(setup, option))
         for one in option:
             less = replace(one, factor=one.factor * (1 - 1.25 * SHARP))
             others = [other for other in option if other is not one]
-            assert not works(relaxed(setup, [less, *others]))
+            assert not works(relax(setup, [less, *others]))
     return found
 
 
@@ -77,7 +77,7 @@ def test_only_the_joints_that_are_too_weak_are_named(jaws):
     setup = jaws(effort=1.5 * NEEDED)
     limit = np.array([1.5 * NEEDED, 0.25 * NEEDED])
     weak = replace(setup, problem=replace(setup.problem, torques=replace(setup.problem.torques, limit=limit)))
-    (raised,) = next(option for option in relaxations_of(weak, forces_exist) if option[0].limit == "torque_limit")
+    (raised,) = next(option for option in find_relaxations(weak, forces_exist) if option[0].limit == "torque_limit")
     assert raised.joints == (1,) and raised.factor == pytest.approx(4.0, rel=SHARP)
     words = raised.words(weak, [True, True])
     assert " r:" in words and f"{raised.factor * limit[1]:.3g}" in words.replace("0 N", " N") and " N m" not in words
@@ -101,7 +101,7 @@ def test_the_part_of_a_reserve_that_asks_for_too_much_is_named(jaws, part, share
     name = "reserve_mass" if part == "mass" else part
     found = options(setup)
     assert (name,) in found and ("max_normal_force",) in found
-    left = relaxed(setup, found[name,]).reserve
+    left = relax(setup, found[name,]).reserve
     # Weights of 1 + share, mu of 1 - share, at least a share of the weight: within three or one and a half times.
     known = {"normal_force": 3.0 * NEEDED / WEIGHT, "friction": 1 - 1 / 3, "mass": 0.5}
     if part in known:
@@ -112,7 +112,7 @@ def test_what_nothing_helps_has_no_options(contact_set):
     contacts = contact_set([("a", "", [0.0, 0, 0.03], [0, 0, -1], None), ("b", "", [0.01, 0, 0.03], [0, 0, -1], None)])
     ball = pg.Sphere(radius=0.03, mass=MASS)
     problem = pg.ForceProblem.holding(ball, contacts, mu=MU, balance="force", **WIDE)
-    assert not [option for option in relaxations_of(Setup(problem, None), forces_exist) if option[0].limit != "mass"]
+    assert not [option for option in find_relaxations(Setup(problem, None), forces_exist) if option[0].limit != "mass"]
 
 
 def test_no_friction_at_all_is_named(jaws):
