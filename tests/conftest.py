@@ -127,25 +127,38 @@ def final_angles():
     return {finger: np.radians(angles) for finger, angles in FINAL_ANGLES_DEG.items()}
 
 
+def make_contacts(points, frames, com=(0.0, 0.0, 0.0), fingers=None, links=None, lengths=None) -> ContactSet:
+    """Contacts at points (k, 3) with frames (k, 3, 3), or the inward normals (k, 3) that tell them; of no hand."""
+    count = len(points)
+    return ContactSet(
+        contacts=tuple(
+            Contact(
+                finger=finger,
+                link=link,
+                point_o=np.asarray(point, dtype=float),
+                rotation_oc=tangent_frame(frame) if np.ndim(frame) == 1 else frame,
+                length=length,
+                distance=0.0,
+            )
+            for point, frame, finger, link, length in zip(
+                points,
+                frames,
+                fingers or [f"finger {i + 1}" for i in range(count)],
+                links or [""] * count,
+                lengths or [None] * count,
+            )
+        ),
+        com_o=np.asarray(com, dtype=float),
+    )
+
+
 @pytest.fixture(scope="session")
 def contact_set():
-    """Build contacts from points, outward directions irrelevant: (finger, link, point, normal, length) tuples."""
+    """Build contacts from (finger, link, point, inward normal, length) tuples."""
 
     def make(rows, com=(0.0, 0.0, 0.0)):
-        return ContactSet(
-            contacts=tuple(
-                Contact(
-                    finger=finger,
-                    link=link,
-                    point_o=np.asarray(point, dtype=float),
-                    rotation_oc=tangent_frame(normal),
-                    length=length,
-                    distance=0.0,
-                )
-                for finger, link, point, normal, length in rows
-            ),
-            com_o=np.asarray(com, dtype=float),
-        )
+        fingers, links, points, normals, lengths = zip(*rows)
+        return make_contacts(points, normals, com, fingers, links, lengths)
 
     return make
 

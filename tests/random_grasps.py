@@ -15,9 +15,10 @@ from functools import lru_cache
 
 import cvxpy as cp
 import numpy as np
+from conftest import make_contacts
 from scipy.integrate import cumulative_simpson, simpson
 
-from pinograsp.contacts import Contact, ContactSet, DecelerationShape, Friction, MarhefkaOrin
+from pinograsp.contacts import ContactSet, DecelerationShape, Friction, MarhefkaOrin
 from pinograsp.forces import ForceProblem, TorqueLimits
 from pinograsp.spatial import rotation_rpy, tangent_frame
 
@@ -142,18 +143,7 @@ def unit(rng: np.random.Generator) -> np.ndarray:
 
 def contact_set_of(points, normals, com=(0.0, 0.0, 0.0), gravity=(0.0, 0.0, -9.81)) -> ContactSet:
     """Contacts at points (k, 3) with inward normals (k, 3), of no hand."""
-    contacts = tuple(
-        Contact(
-            finger=f"finger {i + 1}",
-            link="",
-            point_o=np.asarray(point, dtype=float),
-            rotation_oc=tangent_frame(normal, gravity),
-            length=None,
-            distance=0.0,
-        )
-        for i, (point, normal) in enumerate(zip(points, normals))
-    )
-    return ContactSet(contacts=contacts, com_o=np.asarray(com, dtype=float))
+    return make_contacts(points, [tangent_frame(normal, gravity) for normal in normals], com)
 
 
 def _on_a_body(rng, k, degenerate):

@@ -1,10 +1,10 @@
 """Force problems of all friction models, for tests of what solves them."""
 
 import numpy as np
+from conftest import make_contacts
 
-from pinograsp.contacts import Contact, ContactSet, Friction
+from pinograsp.contacts import Friction
 from pinograsp.forces import ForceProblem, TorqueLimits
-from pinograsp.spatial import tangent_frame
 
 MODELS = {
     "pyramid": Friction(),
@@ -22,10 +22,6 @@ def problem_with(model, k, seed, *, limited=False, balance="wrench"):
     angle = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-0.3, 0.3, k)
     out = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(k)])
     points = 0.03 * out + np.column_stack([np.zeros((k, 2)), rng.uniform(-0.03, 0.03, k)])
-    contacts = tuple(
-        Contact(finger=f"c{i}", link="", point_o=p, rotation_oc=tangent_frame(-n), length=None, distance=0.0)
-        for i, (p, n) in enumerate(zip(points, out))
-    )
     load = np.append(rng.normal(size=3), 0.01 * rng.normal(size=3)) * rng.uniform(0.3, 1.0)
     torques = None
     if limited:
@@ -35,7 +31,7 @@ def problem_with(model, k, seed, *, limited=False, balance="wrench"):
         jacobian[:, :3, -2:] = rng.uniform(-0.05, 0.05, (k, 3, 2))
         torques = TorqueLimits(jacobian=jacobian, bias=np.full(2 * k + 2, 0.01), limit=np.full(2 * k + 2, 0.15))
     return ForceProblem(
-        contacts=ContactSet(contacts=contacts, com_o=np.zeros(3)),
+        contacts=make_contacts(points, -out),
         load=load,
         mu=0.7,
         friction=MODELS[model],

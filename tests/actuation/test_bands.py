@@ -5,14 +5,14 @@ from __future__ import annotations
 import cvxpy as cp
 import numpy as np
 import pytest
+from conftest import make_contacts
 from scipy.optimize import brentq
 
 import pinograsp as pg
 from pinograsp.actuation import CompliantHand, contact_stiffness, force_band, gains_within, stiffness_scenarios
-from pinograsp.contacts import Contact, ContactSet, MarhefkaOrin
+from pinograsp.contacts import MarhefkaOrin
 from pinograsp.forces import ForceProblem, ForceSolution, TorqueLimits
 from pinograsp.motion import torque_limits
-from pinograsp.spatial import tangent_frame
 
 LINEAR = MarhefkaOrin(stiffness=4000.0, exponent=1.0)
 FACTORS = np.array([0.2, 0.5, 1.0, 3.0, 20.0])
@@ -33,20 +33,8 @@ def solution_of(contacts, forces, **settings):
 
 def jaws(squeeze=10.0, law=LINEAR, **settings):
     """Two opposed contacts 6 cm apart."""
-    contacts = ContactSet(
-        contacts=tuple(
-            Contact(
-                finger=name,
-                link="",
-                point_o=np.array([-0.03 * side, 0, 0]),
-                rotation_oc=tangent_frame([side, 0, 0]),
-                length=None,
-                distance=0.0,
-            )
-            for name, side in (("left", 1.0), ("right", -1.0))
-        ),
-        com_o=np.zeros(3),
-    )
+    sides = np.array([[1.0, 0, 0], [-1.0, 0, 0]])
+    contacts = make_contacts(-0.03 * sides, sides, fingers=("left", "right"))
     return solution_of(contacts, [[0, 0, squeeze]] * 2, compliance=law, **settings)
 
 
@@ -206,13 +194,7 @@ def test_what_hangs_by_friction_slips_where_the_squeeze_is_less(mu):
 def test_where_some_contacts_slip_the_others_hold_what_they_do_not(model):
     """Two pairs of jaws hold 8 N along z; the pair on servos presses less on softer contacts, the other as before."""
     directions = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    contacts = ContactSet(
-        contacts=tuple(
-            Contact(finger=f"{i}", link="", point_o=-0.03 * n, rotation_oc=tangent_frame(n), length=None, distance=0.0)
-            for i, n in enumerate(directions)
-        ),
-        com_o=np.zeros(3),
-    )
+    contacts = make_contacts(-0.03 * directions, directions)
     J = np.zeros((12, 4))
     J[[2, 5, 8, 11], range(4)] = 1.0
     hand = CompliantHand(jacobian=J, gains=[14000.0, 14000.0, 0.0, 0.0])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import make_contacts
 
 import pinograsp as pg
 from pinograsp.actuation import CompliantHand, contact_stiffness, quasistatic_maps
-from pinograsp.contacts import Contact, ContactSet, MarhefkaOrin
+from pinograsp.contacts import MarhefkaOrin
 from pinograsp.contacts.quality import grasp_stiffness
 from pinograsp.motion import torque_limits
-from pinograsp.spatial import tangent_frame
 
 RNG_SEED = 3
 
@@ -53,20 +53,8 @@ def fingertip_grasp(name):
     q = 0.45 * hand.lower + 0.55 * hand.upper
     tips = hand.frame_placements(q, [finger.tip for finger in hand.fingers])[:, :3, 3]
     middle = tips.mean(axis=0)
-    contacts = ContactSet(
-        contacts=tuple(
-            Contact(
-                finger=finger.name,
-                link=finger.links[-1],
-                point_o=tip,
-                rotation_oc=tangent_frame(middle - tip),
-                length=None,
-                distance=0.0,
-            )
-            for finger, tip in zip(hand.fingers, tips)
-        ),
-        com_o=middle + [0.002, -0.003, 0.001],
-    )
+    names, links = zip(*((finger.name, finger.links[-1]) for finger in hand.fingers))
+    contacts = make_contacts(tips, middle - tips, middle + [0.002, -0.003, 0.001], names, links)
     normal = np.array([3.0, 2.0, 4.0, 6.0, 5.0])[: len(tips)]
     return contacts, torque_limits(hand, contacts, q, limit=1.0).jacobian, normal
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import make_contacts
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 import pinograsp as pg
 from pinograsp.actuation import CompliantHand, contact_stiffness, object_stiffness, quasistatic_maps
-from pinograsp.contacts import Contact, ContactSet, MarhefkaOrin
+from pinograsp.contacts import MarhefkaOrin
 from pinograsp.spatial import rotation_rpy, tangent_frame
 
 STEP = 1e-4  # of twists: differences are exact to its square, and to rounding over it
@@ -18,16 +19,6 @@ STEP = 1e-4  # of twists: differences are exact to its square, and to rounding o
 def still(k):
     """A hand that does not yield."""
     return CompliantHand(jacobian=np.zeros((3 * k, 1)), gains=[np.inf])
-
-
-def contact_set_of(points, rotations, com=(0.0, 0.0, 0.0)):
-    return ContactSet(
-        contacts=tuple(
-            Contact(finger=f"finger {i}", link="", point_o=p, rotation_oc=R, length=None, distance=0.0)
-            for i, (p, R) in enumerate(zip(points, rotations))
-        ),
-        com_o=np.asarray(com, dtype=float),
-    )
 
 
 def differences(wrench):
@@ -68,7 +59,7 @@ def test_springs_between_points_of_hand_and_object(seed, fixed_in, soft):
     stretch = np.linalg.solve(springs, forces[:, :, None])[:, :, 0]
     hands = points + np.einsum("kxc,kc->kx", rotations, stretch)  # where the hand's points are
     arms = points if fixed_in == "hand" else hands
-    contacts = contact_set_of(arms, rotations, com)
+    contacts = make_contacts(arms, rotations, com)
 
     def springs_at(twist, q):
         """Forces (k, 3) in world axes and the points that they act on, for a twist of the object and joints q."""
@@ -138,7 +129,7 @@ def test_smooth_surfaces_without_friction(seed, radii):
     K[2::3, 2::3] = np.diag(stiff)
     forces = np.column_stack([np.zeros((k, 2)), planned])
     found = object_stiffness(
-        contact_set_of(points, rotations, com).G,
+        make_contacts(points, rotations, com).G,
         K,
         still(k),
         forces,
@@ -154,7 +145,7 @@ def test_smooth_surfaces_without_friction(seed, radii):
 
 def test_flat_and_pointed_surfaces_are_the_ends_of_round_ones():
     _, points, rotations, springs, forces = some_grasp(4)
-    G = contact_set_of(points, rotations).G
+    G = make_contacts(points, rotations).G
 
     def matrix(own, other):
         curvatures = {"object_curvature": own, "hand_curvature": other}
@@ -225,7 +216,7 @@ def test_fingers_that_turn_under_their_load(kind):
     stretch = np.zeros((k, 3)) if balls else np.linalg.solve(springs, forces[:, :, None])[:, :, 0]
     hands = points + np.einsum("kxc,kc->kx", rotations, stretch)
     at = hands if kind == "axes in the object" else points  # where forces act
-    contacts = contact_set_of(at, rotations, com)
+    contacts = make_contacts(at, rotations, com)
     fingers = Fingers(rng, at)
     pull = np.einsum("kxc,kc->kx", rotations, forces)
     load = -contacts.G @ forces.ravel()
@@ -281,7 +272,7 @@ def test_fingers_that_turn_under_their_load(kind):
 
 def test_a_force_at_the_centre_of_mass_leaves_the_stiffness_symmetric():
     rng, points, rotations, springs, forces = some_grasp(5)
-    contacts = contact_set_of(points, rotations)
+    contacts = make_contacts(points, rotations)
     _, _, Vt = np.linalg.svd(contacts.G[3:])
     forces = (Vt[3:].T @ rng.normal(size=len(Vt) - 3)).reshape(-1, 3)  # no moment
     for curvatures in ((np.inf, 0.0), (0.0, np.inf)):
@@ -293,7 +284,7 @@ def test_a_force_at_the_centre_of_mass_leaves_the_stiffness_symmetric():
 
 def test_without_preload_it_is_the_elastic_stiffness():
     rng, points, rotations, springs, _ = some_grasp(6)
-    contacts = contact_set_of(points, rotations)
+    contacts = make_contacts(points, rotations)
     hand = CompliantHand(jacobian=rng.normal(size=(12, 5)), gains=rng.uniform(1, 4, 5))
     found = object_stiffness(contacts.G, blocks(springs), hand, np.zeros((4, 3)))
     maps = quasistatic_maps(contacts.G, blocks(springs), hand)
@@ -308,7 +299,7 @@ ARM, ACROSS, ALONG = 0.03, 900.0, 1500.0
 def rod(squeeze, *, across=ACROSS, **options):
     """A rod of length 2 ARM, pressed at both ends."""
     points = ARM * np.array([[-1.0, 0, 0], [1.0, 0, 0]])
-    contacts = contact_set_of(points, [tangent_frame([1, 0, 0]), tangent_frame([-1, 0, 0])])
+    contacts = make_contacts(points, [tangent_frame([1, 0, 0]), tangent_frame([-1, 0, 0])])
     hand = options.pop("hand", still(2))
     K = np.diag([across, across, ALONG] * 2)
     return object_stiffness(contacts.G, K, hand, [[0, 0, squeeze]] * 2, **options)
@@ -383,7 +374,7 @@ def test_hertz_contacts_tip_over_where_their_stiffness_no_longer_grows_with_the_
 )
 def test_grasps_that_cannot_be_are_refused(change, words):
     points = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
-    contacts = contact_set_of(points, [tangent_frame([1, 0, 0]), tangent_frame([-1, 0, 0])])
+    contacts = make_contacts(points, [tangent_frame([1, 0, 0]), tangent_frame([-1, 0, 0])])
     given = {"grasp_map": contacts.G, "stiffness": np.eye(6), "hand": still(2), "forces_c": [[0, 0, 1.0]] * 2}
     with pytest.raises(pg.PinograspError, match=words):
         object_stiffness(**given | change)

@@ -10,11 +10,12 @@ from dataclasses import fields, replace
 import cvxpy as cp
 import numpy as np
 import pytest
+from conftest import make_contacts as grasp
 from hypothesis import given, settings as examples, strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from pinograsp.contacts import Contact, ContactSet, Friction, MarhefkaOrin
+from pinograsp.contacts import ContactSet, Friction, MarhefkaOrin
 from pinograsp.contacts.inscribed_ball import Polytope, inscribed_ball
 from pinograsp.contacts.quality import (
     ferrari_canny,
@@ -27,7 +28,7 @@ from pinograsp.contacts.quality import (
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import force_closure, min_weight
 from pinograsp.objects import Box, Sphere
-from pinograsp.spatial import rotation_rpy, skew, tangent_frame
+from pinograsp.spatial import rotation_rpy, skew
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
@@ -42,17 +43,6 @@ MODELS = {
 }
 each_model = pytest.mark.parametrize("friction", MODELS.values(), ids=MODELS)
 each_norm = pytest.mark.parametrize("norm", ["L1", "Linf"])
-
-
-def grasp(points, normals, com=(0.0, 0.0, 0.0), frames=None):
-    frames = [tangent_frame(n) for n in normals] if frames is None else frames
-    return ContactSet(
-        contacts=tuple(
-            Contact(finger=f"f{i}", link="", point_o=np.array(p), rotation_oc=R, length=None, distance=0.0)
-            for i, (p, R) in enumerate(zip(np.asarray(points, dtype=float), frames))
-        ),
-        com_o=np.array(com, dtype=float),
-    )
 
 
 def round_grasp(directions, radius=0.05):
@@ -378,10 +368,10 @@ def test_epsilon_moves_with_the_object_and_ignores_the_order(friction, norm):
     settings = {"friction": friction, "norm": norm, "tolerance": 1e-3}
     ball = ferrari_canny(contacts, mu, **settings)
     R, t = rotation_rpy(0.4, -1.2, 2.0), np.array([0.3, -0.1, 0.7])
-    moved = grasp(contacts.points_o @ R.T + t, [], com=t, frames=R @ contacts.rotations_oc)
+    moved = grasp(contacts.points_o @ R.T + t, R @ contacts.rotations_oc, t)
     order = [3, 0, 4, 2, 1]
     turned = ContactSet(contacts=tuple(contacts[i] for i in order), com_o=contacts.com_o)
-    scaled = grasp(contacts.points_o * 10, [], frames=contacts.rotations_oc)
+    scaled = grasp(contacts.points_o * 10, contacts.rotations_oc)
     more = Friction(model=friction.model, edges=friction.edges, torsion=10 * friction.torsion, safety=friction.safety)
     assert ball.lower > 0
     for other in (
@@ -557,7 +547,7 @@ def test_grasp_map_metrics_of_missing_directions_are_zero(name):
 def test_stiffness_is_the_slope_of_the_contact_forces(law, ratio):
     """Springs at each contact: the law along the normal, linear along the tangents, for an object that moved."""
     contacts, com = ellipsoid_grasp(3, 4), np.array([0.004, -0.002, 0.003])
-    contacts = grasp(contacts.points_o, [], com=com, frames=contacts.rotations_oc)
+    contacts = grasp(contacts.points_o, contacts.rotations_oc, com)
     force = np.array([3.0, 1.0, 0.5, 8.0])
     found = grasp_stiffness(contacts, law, force, tangential_ratio=ratio)
 
@@ -620,7 +610,7 @@ def test_stiffness_of_a_grasp_that_does_not_hold():
 def test_stiffness_turns_with_the_object():
     contacts = ellipsoid_grasp(5, 4)
     R = rotation_rpy(0.3, 1.0, -2.0)
-    turned = grasp(contacts.points_o @ R.T, [], frames=R @ contacts.rotations_oc)
+    turned = grasp(contacts.points_o @ R.T, R @ contacts.rotations_oc)
     turn = np.kron(np.eye(2), R)
     one, two = (grasp_stiffness(c, MarhefkaOrin(), 3.0) for c in (contacts, turned))
     assert np.allclose(two.matrix, turn @ one.matrix @ turn.T, atol=1e-8)

@@ -308,9 +308,23 @@ def test_paper_search_meets_its_limit_and_the_qp_cannot_leave_its_cell(make_prob
     assert hybrid.impulse >= paper.impulse and hybrid.residual_force < 1e-9
 
 
+def assert_pruned_equals_brute(problem, grid):
+    """Same optimum, ties included, same verdict; every cell accounted for."""
+    brute, fast = (grid_search(problem, grid, search="paper", method=method) for method in ("brute", "pruned"))
+    assert brute.status is fast.status
+    assert brute.grid.points == fast.grid.points == grid.points(problem.k)
+    for found in (brute, fast):
+        assert sum(found.grid.rejections.values()) + found.found == found.grid.cells
+    for reason in ("impact time range (Eq. 14)", "deceleration range (Eq. 13c)", "impact speed (Eq. 13b)"):
+        assert brute.grid.rejections[reason] == fast.grid.rejections[reason]
+    if brute.found:
+        assert brute.impact_time == fast.impact_time
+        assert np.array_equal(brute.acceleration, fast.acceleration)
+        assert np.array_equal(brute.multipliers, fast.multipliers)
+
+
 @pytest.mark.parametrize("seed", range(120))
 def test_pruned_search_equals_brute_force(seed):
-    """Same optimum, ties included, same verdict; every cell accounted for."""
     rng = np.random.default_rng(seed)
     k = 1 + seed % 3
     if seed % 4 == 0:  # symmetric contacts: ties in measure and in multipliers
@@ -338,18 +352,7 @@ def test_pruned_search_equals_brute_force(seed):
         impact_times=[0.7, 0.8, 0.85, 0.9, 0.95],
         residual_limit=rng.choice([0.05, 0.5, 2.0, 5.0]),
     )
-    brute = grid_search(problem, grid, search="paper", method="brute")
-    fast = grid_search(problem, grid, search="paper")
-    assert brute.status is fast.status
-    assert brute.grid.points == fast.grid.points == grid.points(k)
-    for found in (brute, fast):
-        assert sum(found.grid.rejections.values()) + found.found == found.grid.cells
-    for reason in ("impact time range (Eq. 14)", "deceleration range (Eq. 13c)", "impact speed (Eq. 13b)"):
-        assert brute.grid.rejections[reason] == fast.grid.rejections[reason]
-    if brute.found:
-        assert brute.impact_time == fast.impact_time
-        assert np.array_equal(brute.acceleration, fast.acceleration)
-        assert np.array_equal(brute.multipliers, fast.multipliers)
+    assert_pruned_equals_brute(problem, grid)
 
 
 def test_brute_force_is_a_plain_loop():
@@ -592,9 +595,4 @@ def test_pruned_search_equals_brute_force_on_larger_grids(kind, often):
             multipliers=np.linspace(-1, 1, 6),
             residual_limit=(0.2, 1.0, 0.05)[seed % 3],
         )
-        brute, fast = (grid_search(problem, grid, search="paper", method=m) for m in ("brute", "pruned"))
-        assert brute.status is fast.status
-        if brute.found:
-            assert brute.impact_time == fast.impact_time
-            assert np.array_equal(brute.acceleration, fast.acceleration)
-            assert np.array_equal(brute.multipliers, fast.multipliers)
+        assert_pruned_equals_brute(problem, grid)

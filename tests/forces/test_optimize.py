@@ -172,26 +172,20 @@ def test_a_thousand_random_grasps_agree_with_the_oracle(family, often):
     assert_agreement(grasps, split=0.25 if count >= 250 else None)  # of few, chance makes the shares
 
 
+@pytest.mark.parametrize("count", [6, pytest.param(80, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", DEGENERATE)
-def test_degenerate_grasps_agree_with_the_oracle(kind):
-    assert_agreement(random_grasp(seed, degenerate=kind) for seed in range(5000, 5006))
+def test_degenerate_grasps_agree_with_the_oracle(kind, count, often):
+    count = often(count) if count > 6 else count
+    assert_agreement(random_grasp(seed, degenerate=kind) for seed in range(5000, 5000 + count))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", DEGENERATE)
-def test_many_degenerate_grasps_agree_with_the_oracle(kind, often):
-    assert_agreement(random_grasp(seed, degenerate=kind) for seed in range(5000, 5000 + often(80)))
+FEW_AND_MANY = [(1, 5), (25, 5), *(pytest.param(k, 60, marks=pytest.mark.slow) for k in (1, 2, 20, 21, 30, 40, 60))]
 
 
-@pytest.mark.parametrize("k", [1, 25])
-def test_few_and_many_contacts_agree_with_the_oracle(k):
-    assert_agreement(random_grasp(seed, k=k) for seed in range(6000, 6005))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("k", [1, 2, 20, 21, 30, 40, 60])
-def test_few_and_many_contacts_agree_with_the_oracle_often(k, often):
-    assert_agreement(random_grasp(seed, k=k) for seed in range(6000, 6000 + often(60)))
+@pytest.mark.parametrize(("k", "count"), FEW_AND_MANY)
+def test_few_and_many_contacts_agree_with_the_oracle(k, count, often):
+    count = often(count) if count > 5 else count
+    assert_agreement(random_grasp(seed, k=k) for seed in range(6000, 6000 + count))
 
 
 @pytest.mark.parametrize("family", SOME_FAMILIES)
@@ -783,61 +777,42 @@ def test_unknown_objectives_and_solvers_are_refused(make_problem, options, messa
         optimize_forces(make_problem(), 0.9, **options)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"max_normal_force": 0.0}, "largest normal forces"),
-        ({"max_normal_force": -3.0}, "largest normal forces"),
-        ({"max_normal_force": [1.0, 2.0]}, "shape"),
-        ({"max_normal_force": [1.0, 2.0, np.nan]}, "finite"),
-        ({"friction": "cone"}, "Friction"),
-        ({"shape": "linear"}, "[Ss]hape"),
-        ({"torques": 3.0}, "torques"),
-        ({"torques": "of two contacts"}, "2"),
-    ],
-)
-def test_bad_limits_are_refused(make_problem, settings, message):
-    if settings.get("torques") == "of two contacts":
-        settings = {"torques": TorqueLimits(jacobian=np.zeros((2, 6, 4)), bias=np.zeros(4), limit=np.ones(4))}
-    with pytest.raises(InvalidInput, match=message):
-        make_problem(**settings)
+def torque_limits_of(k=3, **changes):
+    return TorqueLimits(**{"jacobian": np.zeros((k, 6, 4)), "bias": np.zeros(4), "limit": np.ones(4), **changes})
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("make", "settings", "message"),
     [
-        ({"jacobian": np.zeros((3, 3, 4))}, "Jacobians"),
-        ({"jacobian": np.full((3, 6, 4), np.nan)}, "finite"),
-        ({"bias": np.zeros(3)}, "bias"),
-        ({"limit": np.ones(3)}, "torque limits"),
-        ({"limit": np.zeros(4)}, "torque limits"),
-        ({"limit": np.full(4, np.nan)}, "torque limits"),
-        ({"limit": "large"}, "torque limits"),
-        ({"joints": ("one", "two")}, "joint names"),
+        ("problem", {"max_normal_force": 0.0}, "largest normal forces"),
+        ("problem", {"max_normal_force": -3.0}, "largest normal forces"),
+        ("problem", {"max_normal_force": [1.0, 2.0]}, "shape"),
+        ("problem", {"max_normal_force": [1.0, 2.0, np.nan]}, "finite"),
+        ("problem", {"friction": "cone"}, "Friction"),
+        ("problem", {"shape": "linear"}, "[Ss]hape"),
+        ("problem", {"torques": 3.0}, "torques"),
+        ("problem", {"torques": torque_limits_of(2)}, "2"),
+        (torque_limits_of, {"jacobian": np.zeros((3, 3, 4))}, "Jacobians"),
+        (torque_limits_of, {"jacobian": np.full((3, 6, 4), np.nan)}, "finite"),
+        (torque_limits_of, {"bias": np.zeros(3)}, "bias"),
+        (torque_limits_of, {"limit": np.ones(3)}, "torque limits"),
+        (torque_limits_of, {"limit": np.zeros(4)}, "torque limits"),
+        (torque_limits_of, {"limit": np.full(4, np.nan)}, "torque limits"),
+        (torque_limits_of, {"limit": "large"}, "torque limits"),
+        (torque_limits_of, {"joints": ("one", "two")}, "joint names"),
+        (Friction, {"model": "sticky"}, "friction model"),
+        (Friction, {"edges": 5}, "edges"),
+        (Friction, {"edges": 2}, "edges"),
+        (Friction, {"edges": 8.0}, "edges"),
+        (Friction, {"torsion": -1e-3}, "torsion"),
+        (Friction, {"safety": 0.9}, "safety"),
+        (Friction, {"safety": np.nan}, "safety"),
+        (Friction, {"model": "soft"}, "torsion > 0"),
     ],
 )
-def test_bad_torque_limits_are_refused(changes, message):
-    given = {"jacobian": np.zeros((3, 6, 4)), "bias": np.zeros(4), "limit": np.ones(4), **changes}
+def test_bad_limits_are_refused(make_problem, make, settings, message):
     with pytest.raises(InvalidInput, match=message):
-        TorqueLimits(**given)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"model": "sticky"}, "friction model"),
-        ({"edges": 5}, "edges"),
-        ({"edges": 2}, "edges"),
-        ({"edges": 8.0}, "edges"),
-        ({"torsion": -1e-3}, "torsion"),
-        ({"safety": 0.9}, "safety"),
-        ({"safety": np.nan}, "safety"),
-        ({"model": "soft"}, "torsion > 0"),
-    ],
-)
-def test_bad_friction_is_refused(settings, message):
-    with pytest.raises(InvalidInput, match=message):
-        Friction(**settings)
+        (make_problem if make == "problem" else make)(**settings)
 
 
 def test_a_hand_without_effort_limits_needs_them_given(hand, contacts, final_angles):

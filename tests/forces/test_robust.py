@@ -7,6 +7,7 @@ from dataclasses import replace
 import cvxpy as cp
 import numpy as np
 import pytest
+from conftest import make_contacts
 
 import pinograsp as pg
 from pinograsp.contacts import Friction
@@ -266,6 +267,14 @@ def two_jaws(contact_set, mass=0.2):
     return pg.ForceProblem.holding(body, contact_set(rows), mu=0.6, friction=friction, **limits)
 
 
+def four_on_a_ball():
+    directions = np.array([[1.0, 0.0, 0.1], [-0.5, 0.8, -0.1], [-0.5, -0.8, 0.2], [0.0, 0.1, -1.0]])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    contacts = make_contacts(0.03 * directions, -directions, fingers=["any"] * 4)
+    limits = {"acceleration_range": (1e-6, 50.0), "max_depth": 5e-3}
+    return pg.ForceProblem.holding(pg.Sphere(radius=0.03, mass=0.3), contacts, mu=0.7, friction=CONE, **limits)
+
+
 def test_two_jaws_bear_a_push_along_their_line_as_springs_alone(contact_set):
     problem = two_jaws(contact_set)
     push = np.array([1.2, 0, 0, 0, 0, 0])
@@ -281,15 +290,10 @@ def test_two_jaws_bear_a_push_along_their_line_as_springs_alone(contact_set):
     assert found.under().normal_forces == pytest.approx(found.normal_forces, rel=1e-9)
 
 
-def test_springs_of_every_contact_give_way_alike(contact_set):
+def test_springs_of_every_contact_give_way_alike():
     """The reaction against the equilibrium of springs, solved for the displacement and the turn of the object."""
-    body = pg.Sphere(radius=0.03, mass=0.3)
-    directions = np.array([[1.0, 0.0, 0.1], [-0.5, 0.8, -0.1], [-0.5, -0.8, 0.2], [0.0, 0.1, -1.0]])
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    contacts = contact_set([("any", "", 0.03 * d, -d, None) for d in directions])
-    problem = pg.ForceProblem.holding(
-        body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0), max_depth=5e-3
-    )
+    problem = four_on_a_ball()
+    body, contacts, directions = problem.object, problem.contacts, -problem.contacts.rotations_oc[:, :, 2]
     push = np.array([0.3, -0.2, 0.4, 0.002, 0.001, -0.003])
     found = optimize_robust(problem, LoadSet(loads=[problem.load, problem.load + push]), 0.85, reaction="elastic")
     stiffness = np.zeros((6, 6))
@@ -303,7 +307,7 @@ def test_springs_of_every_contact_give_way_alike(contact_set):
     assert found.under(problem.load + push).normal_forces - found.normal_forces == pytest.approx(pressed, abs=1e-6)
 
 
-def test_an_elastic_squeeze_is_optimal_for_another_solver(contact_set, make_problem):
+def test_an_elastic_squeeze_is_optimal_for_another_solver(make_problem):
     problem = make_problem(balance="wrench", friction=CONE, measure="work")
     rng = np.random.default_rng(1)
     pushes = problem.load + 0.1 * rng.normal(size=(6, 6)) * [1, 1, 1, 0.01, 0.01, 0.01]
@@ -348,15 +352,9 @@ def test_caps_count_for_the_reaction_too(contact_set):
         assert optimize_robust(capped, loads, 0.85, reaction="elastic").status is status
 
 
-def test_the_best_squeeze_on_a_line_of_normal_forces(contact_set):
+def test_the_best_squeeze_on_a_line_of_normal_forces():
     """Through the best of all squeezes it is that one; on another line it lies on it, with its proof."""
-    body = pg.Sphere(radius=0.03, mass=0.3)
-    directions = np.array([[1.0, 0.0, 0.1], [-0.5, 0.8, -0.1], [-0.5, -0.8, 0.2], [0.0, 0.1, -1.0]])
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    contacts = contact_set([("any", "", 0.03 * d, -d, None) for d in directions])
-    problem = pg.ForceProblem.holding(
-        body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0), max_depth=5e-3
-    )
+    problem = four_on_a_ball()
     reserve = pg.Reserve(torque=0.0)
     best = optimize_reserve(problem, reserve, 0.85)
     along = np.array([1.0, 0.8, 1.1, 0.6])
@@ -382,15 +380,10 @@ def test_no_squeeze_on_a_line_that_does_not_press(contact_set):
 
 
 @pytest.mark.parametrize("capped", [False, True])
-def test_squeezes_on_contacts_of_other_stiffness_are_optimal_for_another_solver(contact_set, capped):
+def test_squeezes_on_contacts_of_other_stiffness_are_optimal_for_another_solver(capped):
     """Loads on contacts as assumed, and on two others whose normal forces follow the planned forces."""
-    body = pg.Sphere(radius=0.03, mass=0.3)
-    directions = np.array([[1.0, 0.0, 0.1], [-0.5, 0.8, -0.1], [-0.5, -0.8, 0.2], [0.0, 0.1, -1.0]])
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    contacts = contact_set([("any", "", 0.03 * d, -d, None) for d in directions])
-    free = pg.ForceProblem.holding(
-        body, contacts, mu=0.7, friction=CONE, acceleration_range=(1e-6, 50.0), max_depth=5e-3
-    )
+    free = four_on_a_ball()
+    body, contacts = free.object, free.contacts
     reserve = pg.Reserve(friction=0.0, torque=0.0, normal_force=0.0)
     rng, k = np.random.default_rng(5), free.k
     G = np.array(contacts.G)
