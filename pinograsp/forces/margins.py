@@ -12,7 +12,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, instance_of, number, one_of, read_only, shown
+from pinograsp.checks import array_of, at_least_zero, brief, instance_of, number, one_of, read_only
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import TOLERANCE
@@ -173,9 +173,7 @@ def disturbance_margin(
     if (normal_forces is None) == (impact_time is None):
         raise InvalidInput("margin: expected normal_forces (fixed) or impact_time (forces free), one of them")
     if impact_time is None:
-        normal = array_of("normal forces", normal_forces, (problem.k,))
-        if np.any(normal < 0):
-            raise InvalidInput(f"normal forces: expected values >= 0 [N], got {shown(normal.tolist())}")
+        normal = at_least_zero("normal forces", array_of("normal forces", normal_forces, (problem.k,)))
         springs = np.zeros((problem.k, problem.rows))
         if one_of("reaction", reaction, get_args(Reaction)) == "elastic":
             springs = elastic_reaction(problem)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp import core
-from pinograsp.checks import array_of, brief, frozen, instance_of, one_of, read_only, shown
+from pinograsp.checks import array_of, at_least_zero, brief, frozen, instance_of, one_of, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
@@ -64,9 +64,7 @@ def refine_multipliers(
     """
     instance_of("problem", problem, ForceProblem)
     one_of("solver", solver, qp_solvers())
-    normal = array_of("normal forces", normal_forces, (problem.k,))
-    if np.any(normal < 0):
-        raise InvalidInput(f"normal forces: expected values >= 0 [N], got {shown(normal.tolist())}")
+    normal = at_least_zero("normal forces", array_of("normal forces", normal_forces, (problem.k,)))
     columns = problem.scaled_columns
     H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
     b = columns[:, :, 2] @ normal + problem.scaled_load

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from pinograsp.checks import array_of, brief, instance_of, integer, number, read_only, shown
+from pinograsp.checks import array_of, at_least_zero, brief, instance_of, integer, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.batch import ForceBatch, solve_batch
 from pinograsp.forces.problem import ForceProblem
@@ -115,9 +115,7 @@ def holding_probability(
     rng, contacts, k = np.random.default_rng(seed), problem.contacts, problem.k
     low, high = problem.normal_force_range(problem.checked_impact_time(impact_time))
     if normal_forces is not None:
-        low = high = array_of("normal forces", normal_forces, (k,))
-        if np.any(low < 0):
-            raise InvalidInput(f"normal forces: expected values >= 0 [N], got {shown(low.tolist())}")
+        low = high = at_least_zero("normal forces", array_of("normal forces", normal_forces, (k,)))
     mu = problem.mu * np.maximum(0.0, 1.0 + friction * rng.normal(size=(count, k)))
     loads = problem.load * (1.0 + load * rng.normal(size=(count, 1))) + spread * rng.normal(size=(count, 6))
     along, tilts = points * rng.normal(size=(count, k, 2)), normals * rng.normal(size=(count, k, 2))

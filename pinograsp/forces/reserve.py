@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -142,16 +142,7 @@ class Reserve:
 
     def summary(self) -> dict[str, float | None]:
         """As plain JSON values."""
-        return {
-            "disturbance": self.disturbance,
-            "moment_arm_m": self.moment_arm,
-            "mass": self.mass,
-            "friction": self.friction,
-            "normal_force": self.normal_force,
-            "torque": self.torque,
-            "softer": self.softer,
-            "stiffer": self.stiffer,
-        }
+        return {"moment_arm_m" if name == "moment_arm" else name: value for name, value in asdict(self).items()}
 
 
 def held_body(problem: ForceProblem) -> Body:
