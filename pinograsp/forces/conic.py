@@ -35,19 +35,13 @@ HUGE = 1e100  # squares of larger numbers are not finite
 Cone: TypeAlias = "clarabel.ZeroConeT | clarabel.NonnegativeConeT | clarabel.SecondOrderConeT | clarabel.PowerConeT"
 
 
-def settings() -> clarabel.DefaultSettings:
-    """Clarabel's settings, with explicit tolerances."""
-    explicit = clarabel.DefaultSettings()
-    for name, value in _SETTINGS.items():
-        setattr(explicit, name, value)
-    return explicit
-
-
 def solve(
     P: sp.spmatrix, q: Array, A: sp.spmatrix, b: Array, cones: Sequence[Cone], *, careful: bool = False
 ) -> clarabel.DefaultSolution:
     """Clarabel's solution, whatever its status: callers certify x and z themselves; ``careful``: with shorter steps."""
-    explicit = settings()
+    explicit = clarabel.DefaultSettings()
+    for name, value in _SETTINGS.items():
+        setattr(explicit, name, value)
     if careful:
         explicit.max_step_fraction = _CAREFUL
     return clarabel.DefaultSolver(P, q, A, b, cones, explicit).solve()

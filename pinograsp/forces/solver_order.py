@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -94,20 +95,18 @@ class SolverOrder:
     def __init__(self, matrices: Matrices, solver: str):
         """With "auto" the order depends on the matrices and on whether the core is installed, and on nothing else."""
         general = ("daqp", "clarabel") if matrices.k <= _DENSE_UP_TO else ("clarabel", "daqp")
-        if solver == "auto":
-            solver = (compiled_method(matrices) if core.installed() else "") or general[0]
-        self.order = tuple(dict.fromkeys((solver, *general)))
         self._matrices = matrices
+        if solver == "auto":
+            compiled = [name for name in ("newton", "interior") if self.takes(name)] if core.installed() else []
+            solver = next(iter(compiled), general[0])
+        self.order = tuple(dict.fromkeys((solver, *general)))
         self._dense: dict[str, DenseMethod] = {}
         self._conic: ConicMethod | None = None
-        self._template: Template | None = None
 
-    @property
+    @cached_property
     def template(self) -> Template:
         """The matrices as the compiled methods take them."""
-        if self._template is None:
-            self._template = Template(self._matrices)
-        return self._template
+        return Template(self._matrices)
 
     def takes(self, name: str) -> bool:
         """Whether a compiled method takes these matrices."""
@@ -163,8 +162,3 @@ class SolverOrder:
         if self._conic is None or self._conic.exponents != exponents:
             self._conic = ConicMethod(self._matrices, exponents)
         return self._conic
-
-
-def compiled_method(matrices: Matrices) -> str:
-    """The compiled method for programs of these matrices, "" where none applies."""
-    return "newton" if matrices.separates else "interior" if matrices.decoupled else ""
