@@ -148,14 +148,14 @@ def cone_rows(matrices: Matrices) -> ConeRows:
     select = np.zeros((k, n))
     select[np.arange(k), np.arange(d - 1, n, d)] = 1.0
     D = friction.facets
-    facets = np.kron(np.eye(k), np.hstack([D, -np.ones((len(D), 1))]))
+    facets = np.asarray(np.kron(np.eye(k), np.hstack([D, -np.ones((len(D), 1))])), dtype=float)
     if friction.polyhedral:
         return ConeRows(select, facets, np.zeros((0, n)), [])
     inside = friction.round_dimensions + 1  # (F, u)
     block = np.zeros((inside, d))
     block[0, -1] = -1.0
     block[np.arange(1, inside), np.arange(inside - 1)] = -1.0
-    return ConeRows(select, facets, np.kron(np.eye(k), block), [inside] * k)
+    return ConeRows(select, facets, np.asarray(np.kron(np.eye(k), block), dtype=float), [inside] * k)
 
 
 class LimitRows(NamedTuple):
