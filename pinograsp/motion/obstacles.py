@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinograsp.contacts.clearance import Way
+from pinograsp.contacts.hits import Way
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.hands import HandModel
