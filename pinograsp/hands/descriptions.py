@@ -39,7 +39,7 @@ _ENCODINGS = r"utf-?8(-sig)?|utf-?16|us-ascii|ascii|latin-?1|iso-?8859-?\d+|(win
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Description:
+class RobotDescription:
     """What a source says of a hand.
 
     Attributes:
@@ -74,7 +74,7 @@ def read_description(
     trusted: bool,
     packages: Mapping[str, str | Path] | None,
     xacro_args: Mapping[str, object] | None,
-) -> Description:
+) -> RobotDescription:
     """The description that a name, a path, a text or a specification of MuJoCo's stands for.
 
     ``root`` is the link whose sub-tree is the hand; the others are those of :func:`pinograsp.load_hand`.
@@ -112,7 +112,7 @@ def read_description(
     actuation = actuation_of(element, problems)
     outside = set() if root is None else cut_out(name, element, root, notes)
     robot, armatures = read_urdf(element, problems)
-    return Description(
+    return RobotDescription(
         name=name,
         robot=robot,
         armatures=armatures,
@@ -126,11 +126,11 @@ def read_description(
     )
 
 
-def _from_mjcf(name: str, compiled: Compiled, root: str | None, names: MeshNames) -> Description:
+def _from_mjcf(name: str, compiled: Compiled, root: str | None, names: MeshNames) -> RobotDescription:
     from pinograsp.hands.mjcf import MjcfRobot
 
     read = MjcfRobot(name, compiled, root)
-    return Description(
+    return RobotDescription(
         name=name,
         robot=read.robot,
         armatures=read.armatures,

@@ -16,7 +16,7 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry
 from pinograsp.hands.body_checks import mend_bodies
 from pinograsp.hands.catalogue import CATALOGUE, Entry
-from pinograsp.hands.descriptions import Description, read_description
+from pinograsp.hands.descriptions import RobotDescription, read_description
 from pinograsp.hands.drives import ON_DRIVES, Drive, Spring, one_each
 from pinograsp.hands.finger_names import Labels, names_of
 from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing, without_shapes
@@ -178,10 +178,7 @@ def _build_hand(
         notes.append(f"no masses given, so massless: {', '.join(prepared.unweighed)}")
     mend_bodies(model, geometry, visuals, masses == "estimate", notes)
     geometry = without_shapes(geometry, model, [one_of("exclude", link, prepared.links) for link in exclude], notes)
-    if massless := moving_nothing(model):
-        hint = "" if masses == "estimate" else ", or take masses='estimate'"
-        problems = [f"joint '{joint}' moves no mass at all: give its links a mass{hint}" for joint in massless]
-        raise HandNotLoaded(source, [*problems, *(note for note in notes if "mesh" in note)])
+    _check_masses(source, model, masses, notes)
     solid = {model.frames[one.parentFrame].name for one in geometry.geometryObjects}
     palm, chains = find_fingers(
         source,
@@ -288,8 +285,16 @@ def _add_drives(
     return hand.with_drives(drives, springs_of(found, joints, couplings) if springs is None else springs)
 
 
+def _check_masses(source: str, model: pin.Model, masses: Masses, notes: Sequence[str]) -> None:
+    """Refuse a model with joints that move nothing."""
+    if massless := moving_nothing(model):
+        hint = "" if masses == "estimate" else ", or take masses='estimate'"
+        problems = [f"joint '{joint}' moves no mass at all: give its links a mass{hint}" for joint in massless]
+        raise HandNotLoaded(source, [*problems, *(note for note in notes if "mesh" in note)])
+
+
 def _disable_collisions(
-    hand: HandModel, description: Description, links: Sequence[str], srdf: str | Path | None
+    hand: HandModel, description: RobotDescription, links: Sequence[str], srdf: str | Path | None
 ) -> HandModel:
     """The hand without the pairs of links whose collisions its description or an SRDF file disables."""
     pairs, notes = pairs_in(description.collisions, links), list(hand.notes)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, number, one_of, placement_of
 from pinograsp.errors import HandNotLoaded, InvalidInput
-from pinograsp.hands.descriptions import Description
+from pinograsp.hands.descriptions import RobotDescription
 from pinograsp.hands.drives import Control, Drive, Spring, checked_drives, checked_springs, drive_record, one_each
 from pinograsp.hands.elements import named, parse
 from pinograsp.hands.geometry import PRIMITIVES, SIZES, hull_of, read_mesh
@@ -213,7 +213,9 @@ def _description(record: dict[str, Any]) -> str:
         problems: list[str] = []
         types = [joint.get("type") for joint in robot.findall("joint")]
         read, names = read_urdf(robot, problems)[0], MeshNames(folder=Path())
-        prepared = prepare_hand(Description(name=source, robot=read, names=names, collisions=robot, problems=problems))
+        prepared = prepare_hand(
+            RobotDescription(name=source, robot=read, names=names, collisions=robot, problems=problems)
+        )
         if [joint.type for joint in prepared.joints] != types:
             raise HandNotLoaded(source, "a joint without a way to go: make it fixed, as in every record")
     except RecursionError:

@@ -26,7 +26,7 @@ from pinograsp.spatial import Array
 if TYPE_CHECKING:
     import yourdfpy
 
-    from pinograsp.hands.descriptions import Description
+    from pinograsp.hands.descriptions import RobotDescription
 
 # Of a whole robot, for Pinocchio builds trees by recursion; of a hand, for Pinocchio's memory grows with the cube of
 # its joints.
@@ -70,7 +70,7 @@ class PreparedHand:
     notes: list[str] = field(default_factory=list)
 
 
-def prepare_hand(description: Description) -> PreparedHand:
+def prepare_hand(description: RobotDescription) -> PreparedHand:
     """Check and complete a description, whose robot is changed.
 
     Raises:
