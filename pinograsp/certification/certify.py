@@ -65,7 +65,7 @@ class Certifier:
         blocks = [
             certify_block(self._setup, q[i : i + BLOCK], placed[i : i + BLOCK]) for i in range(0, max(len(q), 1), BLOCK)
         ]
-        return Certificates.joined(blocks)
+        return Certificates.join(blocks)
 
 
 def certify(

@@ -73,7 +73,7 @@ class Springs:
 
     def reactions(self) -> Reactions:
         """Of equal springs, along the normals and along the surfaces."""
-        change, lost = _balancing(self.columns, self.wrenches)
+        change, lost = _balance(self.columns, self.wrenches)
         return self._record(change, lost)
 
     def spread(self, reacted: Reactions, capacities: Array) -> Reactions:
@@ -83,7 +83,7 @@ class Springs:
         """
         left = self.wrenches + np.einsum("nki,nkm->nim", self.columns[:, :, -1], reacted.normal)
         weights = np.maximum(capacities, 1e-3 * capacities.max(axis=1, keepdims=True, initial=1e-12))
-        change, lost = _balancing(self.columns[:, :, :-1] * weights[..., None, None], left)
+        change, lost = _balance(self.columns[:, :, :-1] * weights[..., None, None], left)
         full = np.concatenate([change * weights[..., None, None], reacted.normal[:, :, None]], axis=2)
         return self._record(full, np.maximum(lost, 1.0 * ~reacted.borne))
 
@@ -93,7 +93,7 @@ class Springs:
         return Reactions(normal=change[:, :, -1], tangential=change[:, :, :-1], borne=lost <= _REACHED)
 
 
-def _balancing(columns: Array, wrenches: Array) -> tuple[Array, Array]:
+def _balance(columns: Array, wrenches: Array) -> tuple[Array, Array]:
     """Least components (N, k, d, m) of columns (N, k, d, 6) that balance wrenches (N, 6, m), and shares lost (N, m)."""
     n, k, d = columns.shape[:3]
     flat = columns.reshape(n, k * d, 6)

@@ -105,7 +105,7 @@ class Certificates:
         return len(self.q)
 
     @classmethod
-    def joined(cls, blocks: Sequence[Certificates]) -> Certificates:
+    def join(cls, blocks: Sequence[Certificates]) -> Certificates:
         """Certificates of one hand, object and conditions, one after the other.
 
         Raises:

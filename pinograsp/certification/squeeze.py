@@ -152,7 +152,7 @@ def squeeze_partly(grips: Grips, holding: Holding, reserve: Reserve, wrenches: A
 def press(grips: Grips, holding: Holding, normal: Array, threads: int | None) -> Forces:
     """Forces under the weight with these F_n (N, k) [N]."""
     loads = np.broadcast_to(holding.weight, (len(grips.points), 6))
-    return _solved(grips, holding, loads, normal, normal, threads)
+    return _solve(grips, holding, loads, normal, normal, threads)
 
 
 def _take(best: Forces, better: Forces, rows: IntArray, reacted: Reactions, used: BoolArray, holding: Holding) -> None:
@@ -177,7 +177,7 @@ def _above(grips: Grips, holding: Holding, above: Array, floor: Array, threads: 
     loads = np.concatenate([normals.sum(axis=1), np.cross(grips.points, normals).sum(axis=1)], axis=1)
     high = np.maximum(min(holding.cap, _UNCAPPED * holding.size) - above, 0.0)
     low = np.minimum(np.maximum(floor - above, 0.0), high)
-    found = _solved(grips, holding, holding.weight + loads, low, high, threads)
+    found = _solve(grips, holding, holding.weight + loads, low, high, threads)
     local = found.local.copy()
     local[..., -1] += above * found.found[:, None]
     return Forces(status=found.status, local=local, residual=found.residual)
@@ -187,7 +187,7 @@ def hold_weight(grips: Grips, holding: Holding, threads: int | None, mu: Array |
     """Forces that hold the weight, as the friction allows; ``mu`` (N,): instead of the one of all."""
     loads = np.broadcast_to(holding.weight, (len(grips.points), 6))
     high = np.full(grips.points.shape[:2], min(holding.cap, _UNCAPPED * holding.size))
-    return _solved(grips, holding, loads, np.zeros_like(high), high, threads, mu)
+    return _solve(grips, holding, loads, np.zeros_like(high), high, threads, mu)
 
 
 def find_least_mu(grips: Grips, holding: Holding, threads: int | None) -> Array:
@@ -205,7 +205,7 @@ def find_least_mu(grips: Grips, holding: Holding, threads: int | None) -> Array:
     return high
 
 
-def _solved(
+def _solve(
     grips: Grips,
     holding: Holding,
     loads: Array,

@@ -6,10 +6,10 @@ from pinograsp.data.alignment import Alignment, JointAxes, alignment, joint_axes
 from pinograsp.data.conventions import CONVENTIONS, Convention
 from pinograsp.data.format import Format
 from pinograsp.data.formats import FORMATS
-from pinograsp.data.placing import placed
+from pinograsp.data.placing import place_hand
 from pinograsp.data.reading import read_grasps
 from pinograsp.data.rows import GraspRows
-from pinograsp.data.writing import joined, write_grasps
+from pinograsp.data.writing import join_rows, write_grasps
 
 __all__ = [
     "CONVENTIONS",
@@ -20,9 +20,9 @@ __all__ = [
     "GraspRows",
     "JointAxes",
     "alignment",
-    "joined",
+    "join_rows",
     "joint_axes",
-    "placed",
+    "place_hand",
     "read_grasps",
     "write_grasps",
 ]

@@ -56,7 +56,7 @@ class JointAxes:
 
     __repr__ = brief("names")
 
-    def of(self, names: Sequence[str]) -> JointAxes:
+    def choose(self, names: Sequence[str]) -> JointAxes:
         """Those of some joints, in this order; :class:`~pinograsp.errors.InvalidInput` for others."""
         names = items_of("names", names, str)
         at = np.array([self.names.index(one_of("joint", name, self.names)) for name in names], dtype=int)
@@ -67,7 +67,7 @@ class JointAxes:
             slides=None if self.slides is None else read_only(self.slides[at]),
         )
 
-    def moved(self, pose: ArrayLike) -> JointAxes:
+    def move(self, pose: ArrayLike) -> JointAxes:
         """The same, seen from a frame in which this root frame is at ``pose`` (4, 4) [m].
 
         Raises:

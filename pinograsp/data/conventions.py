@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pinograsp.checks import brief, read_only
 from pinograsp.data import skeletons
@@ -38,16 +39,22 @@ class Convention:
     __repr__ = brief("name", "root")
 
 
-def _palm(at: tuple[float, float, float], columns: list[list[float]]) -> Array:
+_AS_IT_IS = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+
+
+def _palm(at: tuple[float, float, float], columns: ArrayLike = _AS_IT_IS) -> Array:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = columns, at
     return pose
 
 
-def _seen(axes: JointAxes, palm: Array, names: Iterable[str]) -> JointAxes:
+def _of_skeleton(name: str, family: str, root: str, axes: JointAxes) -> Convention:
+    return Convention(name=name, family=family, root=root, joints=axes.names, axes=axes)
+
+
+def _see_from(palm: Array, axes: JointAxes, names: Iterable[str]) -> JointAxes:
     """A skeleton from a root in which the palm's frame is at ``palm``, with other names for its joints."""
-    moved = axes.moved(palm)
-    return JointAxes(names=tuple(names), origins=moved.origins, directions=moved.directions)
+    return replace(axes.move(palm), names=tuple(names))
 
 
 _SHADOW_MJCF = tuple(
@@ -57,28 +64,18 @@ _SHADOW_MJCF = tuple(
 )
 _ALLEGRO_MJCF = tuple(f"{finger}j{i}" for finger in ("ff", "mf", "rf", "th") for i in range(4))
 # Of LEAP's joints in the order of the MJCF file, the numbers in the URDF file: the axes lie on each other so.
+_LEAP_FINGER = {"mcp": 1, "rot": 0, "pip": 2, "dip": 3}
+_LEAP_THUMB = {"cmc": 0, "axl": 1, "mcp": 2, "ipl": 3}
+_LEAP_FINGERS = {"if": _LEAP_FINGER, "mf": _LEAP_FINGER, "rf": _LEAP_FINGER, "th": _LEAP_THUMB}
 _LEAP_MJCF = {
-    "if_mcp": 1,
-    "if_rot": 0,
-    "if_pip": 2,
-    "if_dip": 3,
-    "mf_mcp": 5,
-    "mf_rot": 4,
-    "mf_pip": 6,
-    "mf_dip": 7,
-    "rf_mcp": 9,
-    "rf_rot": 8,
-    "rf_pip": 10,
-    "rf_dip": 11,
-    "th_cmc": 12,
-    "th_axl": 13,
-    "th_mcp": 14,
-    "th_ipl": 15,
+    f"{finger}_{joint}": 4 * i + number
+    for i, (finger, joints) in enumerate(_LEAP_FINGERS.items())
+    for joint, number in joints.items()
 }
 
 # In the MJCF files of DexGraspBench and Dexonomy, whose worlds carry the free joint: Shadow's palm is 34 mm up (the
 # wrist is left out), Allegro's has quat="0 1 0 1", LEAP's pos="0 0 0.1" quat="0 1 0 0".
-_IN_SHADOW_MJCF = _palm((0, 0, 0.034), [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+_IN_SHADOW_MJCF = _palm((0, 0, 0.034))
 _IN_ALLEGRO_MJCF = _palm((0, 0, 0), [[0, 0, 1], [0, -1, 0], [1, 0, 0]])
 _IN_LEAP_MJCF = _palm((0, 0, 0.1), [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
 
@@ -86,74 +83,35 @@ _IN_LEAP_MJCF = _palm((0, 0, 0.1), [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
 # Franka's panda_hand. Which way round does not matter: the gripper is the same after half a turn.
 _ACROSS = _palm((0, 0, 0), [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
 # graspqp/assets/panda/franka_panda.urdf: panda_hand is 75 mm behind the root.
-_PANDA_GRASPQP = _palm((0, 0, 0.075), [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+_PANDA_GRASPQP = _palm((0, 0, 0.075))
 _PANDA_LINKS = ("panda_hand", "hand")
 
 CONVENTIONS: dict[str, Convention] = {
     one.name: one
     for one in (
-        Convention(
-            name="shadow_dexgraspnet",
-            family="shadow",
-            root="robot0:palm",
-            joints=skeletons.SHADOW_OLD.names,
-            axes=skeletons.SHADOW_OLD,
+        _of_skeleton("shadow_dexgraspnet", "shadow", "robot0:palm", skeletons.SHADOW_OLD),
+        _of_skeleton("shadow_palm", "shadow", "rh_palm", skeletons.SHADOW),
+        _of_skeleton(
+            "shadow_mjcf",
+            "shadow",
+            "the world of the MJCF file, in which rh_palm is 34 mm up",
+            _see_from(_IN_SHADOW_MJCF, skeletons.SHADOW.choose(_SHADOW_MJCF), _SHADOW_MJCF),
         ),
-        Convention(
-            name="shadow_palm",
-            family="shadow",
-            root="rh_palm",
-            joints=skeletons.SHADOW.names,
-            axes=skeletons.SHADOW,
+        _of_skeleton("shadow_graspqp", "shadow", "root, at the forearm's mount", skeletons.SHADOW_GRASPQP),
+        _of_skeleton("allegro_palm", "allegro", "palm_link (base_link)", skeletons.ALLEGRO),
+        _of_skeleton(
+            "allegro_mjcf",
+            "allegro",
+            "the world of the MJCF file, in which the palm is turned",
+            _see_from(_IN_ALLEGRO_MJCF, skeletons.ALLEGRO, _ALLEGRO_MJCF),
         ),
-        Convention(
-            name="shadow_mjcf",
-            family="shadow",
-            root="the world of the MJCF file, in which rh_palm is 34 mm up",
-            joints=_SHADOW_MJCF,
-            axes=_seen(skeletons.SHADOW.of(_SHADOW_MJCF), _IN_SHADOW_MJCF, _SHADOW_MJCF),
-        ),
-        Convention(
-            name="shadow_graspqp",
-            family="shadow",
-            root="root, at the forearm's mount",
-            joints=skeletons.SHADOW_GRASPQP.names,
-            axes=skeletons.SHADOW_GRASPQP,
-        ),
-        Convention(
-            name="allegro_palm",
-            family="allegro",
-            root="palm_link (base_link)",
-            joints=skeletons.ALLEGRO.names,
-            axes=skeletons.ALLEGRO,
-        ),
-        Convention(
-            name="allegro_mjcf",
-            family="allegro",
-            root="the world of the MJCF file, in which the palm is turned",
-            joints=_ALLEGRO_MJCF,
-            axes=_seen(skeletons.ALLEGRO, _IN_ALLEGRO_MJCF, _ALLEGRO_MJCF),
-        ),
-        Convention(
-            name="allegro_graspqp",
-            family="allegro",
-            root="allegro",
-            joints=skeletons.ALLEGRO_GRASPQP.names,
-            axes=skeletons.ALLEGRO_GRASPQP,
-        ),
-        Convention(
-            name="leap_base",
-            family="leap",
-            root="hand_base_link",
-            joints=skeletons.LEAP.names,
-            axes=skeletons.LEAP,
-        ),
-        Convention(
-            name="leap_mjcf",
-            family="leap",
-            root="the world of the MJCF file, in which the palm is 0.1 m up and turned",
-            joints=tuple(_LEAP_MJCF),
-            axes=_seen(skeletons.LEAP.of([f"j{i}" for i in _LEAP_MJCF.values()]), _IN_LEAP_MJCF, _LEAP_MJCF),
+        _of_skeleton("allegro_graspqp", "allegro", "allegro", skeletons.ALLEGRO_GRASPQP),
+        _of_skeleton("leap_base", "leap", "hand_base_link", skeletons.LEAP),
+        _of_skeleton(
+            "leap_mjcf",
+            "leap",
+            "the world of the MJCF file, in which the palm is 0.1 m up and turned",
+            _see_from(_IN_LEAP_MJCF, skeletons.LEAP.choose([f"j{i}" for i in _LEAP_MJCF.values()]), _LEAP_MJCF),
         ),
         Convention(
             name="panda_graspgen",

@@ -163,7 +163,7 @@ def is_name(value: object) -> bool:
     return isinstance(value, str) and len(value) <= _LONGEST_NAME and value.isprintable()
 
 
-def stacked(arrays: Sequence[NDArray[Any] | None], source: str) -> NDArray[Any] | None:
+def stack(arrays: Sequence[NDArray[Any] | None], source: str) -> NDArray[Any] | None:
     """Arrays of one shape in a first dimension; None where one is missing, or has another shape.
 
     Raises:

@@ -17,9 +17,8 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.spatial import Array, inverse_of
 
-_ALIKE = (
-    3e-3  # [m] between axes of two descriptions of the same hand: DexGraspNet's Shadow and newer ones differ by 1.8 mm
-)
+# [m] between axes of two descriptions of the same hand: DexGraspNet's Shadow and newer ones differ by 1.8 mm
+_ALIKE = 3e-3
 _FRAME_OFF = 5e-3  # [m] and, times 0.05 m, [rad]: a frame that is given is another one than the joints' axes tell
 _STILL = 1e-6  # [rad or m] of a joint that the hand has not
 _COUPLED = 2e-3  # [rad or m] of a joint that follows another
@@ -28,7 +27,7 @@ _JAW_AXIS = 0.0584  # [m] from panda_hand to its fingers' frames
 Names = Mapping[str, str | None] | Sequence[str]
 
 
-def placed(
+def place_hand(
     rows: GraspRows,
     hand: HandModel,
     *,
@@ -64,13 +63,13 @@ def placed(
     """
     instance_of("rows", rows, GraspRows)
     instance_of("hand", hand, HandModel)
-    known = _convention(rows, convention, frame, palm_in_root, original)
-    match = _matched(rows, hand, joints, known, original)
-    given = _given(rows, hand, at)
+    known = _choose_convention(rows, convention, frame, palm_in_root, original)
+    match = _match_joints(rows, hand, joints, known, original)
+    given = _check_given(rows, hand, at)
     q = _positions(rows, hand, match, given)
     resting = {name: float(values[0]) for name, values in given.items() if len(values)}
     pairs = [pair for pair in match.pairs if pair[1] in hand.joint_names]
-    laid = _laid(hand, pairs, match, resting)
+    laid = _lay_axes(hand, pairs, match, resting)
     root = _root(rows, hand, laid, frame, palm_in_root, known, resting)
     if laid is not None:
         for (_, name), sign in zip(pairs, laid.signs):
@@ -99,14 +98,14 @@ class _Match:
     what: str
 
 
-def _convention(
+def _choose_convention(
     rows: GraspRows, name: str | None, frame: object, palm_in_root: object, original: object
 ) -> Convention | None:
     if name is not None:
         return CONVENTIONS[one_of("convention", name, CONVENTIONS)]
     if original is not None:
         return None
-    if (meant := _told(rows)) is not None:
+    if (meant := _find_convention(rows)) is not None:
         return meant
     if frame is None and palm_in_root is None:
         kind = FORMATS.get(rows.format)
@@ -118,13 +117,13 @@ def _convention(
     return None
 
 
-def _told(rows: GraspRows) -> Convention | None:
+def _find_convention(rows: GraspRows) -> Convention | None:
     """What a file means, as far as its format, names and number of joints tell."""
     kind = FORMATS.get(rows.format)
     return None if kind is None else CONVENTIONS.get(kind.convention(rows) or "")
 
 
-def _matched(
+def _match_joints(
     rows: GraspRows, hand: HandModel, joints: Names | None, known: Convention | None, original: HandModel | None
 ) -> _Match:
     """Which joint of the hand each of the file's is."""
@@ -140,7 +139,7 @@ def _matched(
             f"joints: the file does not name its {width} joints{wanted}: give the hand's joints in the file's order"
         )
     there = (*hand.joint_names, *hand.couplings)
-    naming = known or _told(rows)
+    naming = known or _find_convention(rows)
     match = dict(zip(file, names)) if ordered else _by_name(file, there, naming)
     if isinstance(joints, Mapping):
         for name, target in mapping_of("joints", joints, "{file's joint: hand's joint}").items():
@@ -159,7 +158,7 @@ def _matched(
         if odd:
             raise InvalidInput(f"original: expected the file's joints, got none called {', '.join(odd[:6])}")
     elif known is not None and known.axes is not None:
-        axes, what = _renamed(known, file), f"the hand that {known.name} is for"
+        axes, what = _rename_axes(known, file), f"the hand that {known.name} is for"
     pairs = [(name, match[name]) for name in file if name in match]
     return _Match(file=file, pairs=pairs, axes=axes, what=what)
 
@@ -181,16 +180,16 @@ def _by_name(file: Sequence[str], there: Sequence[str], known: Convention | None
     return match
 
 
-def _renamed(known: Convention, file: Sequence[str]) -> JointAxes:
+def _rename_axes(known: Convention, file: Sequence[str]) -> JointAxes:
     """The convention's axes under the file's names."""
     assert known.axes is not None
     ours, theirs = known_names(known.family, file), known_names(known.family, known.axes.names)
     both = [(name, theirs[shared]) for shared, name in ours.items() if shared in theirs]
-    axes = known.axes.of([one for _, one in both])
+    axes = known.axes.choose([one for _, one in both])
     return JointAxes(names=tuple(name for name, _ in both), origins=axes.origins, directions=axes.directions)
 
 
-def _given(rows: GraspRows, hand: HandModel, at: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
+def _check_given(rows: GraspRows, hand: HandModel, at: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
     given = {}
     for name, value in mapping_of("at", {} if at is None else at, "{hand's joint: position}").items():
         one_of(f"at: joint of hand '{hand.name}'", name, hand.joint_names)
@@ -247,7 +246,9 @@ def _check_coupled(hand: HandModel, name: str, target: str, columns: dict[str, A
         )
 
 
-def _laid(hand: HandModel, pairs: list[tuple[str, str]], match: _Match, resting: dict[str, float]) -> Alignment | None:
+def _lay_axes(
+    hand: HandModel, pairs: list[tuple[str, str]], match: _Match, resting: dict[str, float]
+) -> Alignment | None:
     """The file's axes laid on the hand's; None where they are not known, or too few."""
     if match.axes is None:
         return None
@@ -258,7 +259,7 @@ def _laid(hand: HandModel, pairs: list[tuple[str, str]], match: _Match, resting:
             f"{len(pairs)}: the file has {', '.join(match.file[:30])}; give joints={{file's: hand's}}"
         )
     ours = joint_axes(hand, [target for _, target in pairs], resting)
-    laid = alignment(ours, match.axes.of([name for name, _ in pairs]))
+    laid = alignment(ours, match.axes.choose([name for name, _ in pairs]))
     if laid.residual > _ALIKE:
         here, there = laid.worst
         raise InvalidInput(
@@ -315,8 +316,7 @@ def _frame(hand: HandModel, name: str, resting: dict[str, float]) -> Array:
     parent = hand.model.frames[hand.frame_id(name)].parentJoint
     if moved & set(hand.model.supports[parent]):
         raise InvalidInput(f"frame: expected a link that no finger's joint moves, as '{hand.palm}', got '{name}'")
-    placed: Array = inverse_of(np.asarray(hand.pose)) @ hand.frame_placements(q, [name])[0]
-    return placed
+    return np.asarray(inverse_of(np.asarray(hand.pose)) @ hand.frame_placements(q, [name])[0])
 
 
 def _is_panda(hand: HandModel) -> bool:
@@ -333,7 +333,7 @@ def _jaws(hand: HandModel, known: Convention, resting: dict[str, float]) -> Arra
         )
     frame = _frame(hand, link, resting)
     fingers = [name for finger in hand.fingers for name in finger.actuated]
-    axes = joint_axes(hand, list(dict.fromkeys(fingers)), resting).moved(inverse_of(frame))
+    axes = joint_axes(hand, list(dict.fromkeys(fingers)), resting).move(inverse_of(frame))
     off = np.abs(np.cross(axes.directions, [0.0, 1.0, 0.0])).max(initial=0)
     height = np.abs(axes.origins[:, 2] - _JAW_AXIS).max(initial=0)
     if not len(axes.names) or off > 1e-3 or height > 1e-3:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pinograsp.checks import brief, integer, one_of, read_only, shown
-from pinograsp.data.keys import stacked
+from pinograsp.data.keys import stack
 from pinograsp.data.rotations import nearest_rotations
 from pinograsp.errors import GraspsNotRead, InvalidInput
 from pinograsp.spatial import FARTHEST, Array, BoolArray, inverse_of
@@ -157,7 +157,7 @@ class Draft:
     def put_tables(self, rows: Sequence[Mapping[str, NDArray[Any]]], source: str) -> None:
         """Further numbers of each row, by name; those that are not in all of them, or of other shapes, are left out."""
         for name in rows[0] if rows else ():
-            array = stacked([row.get(name) for row in rows], source)
+            array = stack([row.get(name) for row in rows], source)
             if array is not None:
                 (self.extras if array.ndim > 1 else self.labels)[name] = array
 

@@ -54,14 +54,14 @@ def write_grasps(
         ResultsNotWritten: the file cannot be written.
         ExtraMissing: ACRONYM's file without h5py (extra ``data``).
     """
-    rows = joined(rows)
+    rows = join_rows(rows)
     kind = FORMATS[one_of("format", rows.format if format is None else format, FORMATS)]
     _check(rows, kind)
     payload = _payload(rows, forces, points, {} if labels is None else labels)
     return write_file(path, kind.write(rows, payload))
 
 
-def joined(rows: GraspRows | Iterable[GraspRows]) -> GraspRows:
+def join_rows(rows: GraspRows | Iterable[GraspRows]) -> GraspRows:
     """Blocks of one file as one record.
 
     Raises:

@@ -89,7 +89,7 @@ def urdf_description(robot: ElementTree.Element, folder: Path, packages: Mapping
     (value,) = numbers(mass, "value", 1, most=_LARGEST)
     given = inertial.find("inertia")
     moments = None if given is None else [numbers(given, key, 1, "0", most=_LARGEST)[0] for key in _MOMENTS]
-    return _weighed(parts, value, origin_of(inertial), moments)
+    return _weigh(parts, value, origin_of(inertial), moments)
 
 
 def origin_of(element: ElementTree.Element) -> Array:
@@ -117,7 +117,7 @@ def sdf_description(root: ElementTree.Element, folder: Path, packages: Mapping[s
         raise ValueError(f"expected one object, got a model with others in it{names_of(nested)}: give the file of one")
     moving = [joint.get("name", "") for joint in model.findall("joint") if joint.get("type") not in _STILL]
     link = _only_link(model, moving)
-    of_link = _placed(link)
+    of_link = _read_pose(link)
     parts = []
     for collision in collisions_of(link):
         geometry, kind = shape_of(collision, _SDF)
@@ -125,7 +125,7 @@ def sdf_description(root: ElementTree.Element, folder: Path, packages: Mapping[s
             raise ValueError("<submesh> is not supported: give it a mesh file of its own")
         size = [_texts(geometry, key, n, "1 1 1" if kind == "mesh" else None) for key, n in _SDF[kind].items()]
         uri = (geometry.findtext("uri") or "").strip()
-        parts.append(part_of(kind, size, of_link @ _placed(collision), uri, folder, packages))
+        parts.append(part_of(kind, size, of_link @ _read_pose(collision), uri, folder, packages))
     inertial = link.find("inertial")
     if inertial is None or inertial.find("mass") is None:
         return Description(parts=tuple(parts), mass=None, com=None, inertia=None)
@@ -134,7 +134,7 @@ def sdf_description(root: ElementTree.Element, folder: Path, packages: Mapping[s
     moments = None
     if given is not None:
         moments = [_texts(given, key, 1, "1" if key[1] == key[2] else "0")[0] for key in _MOMENTS]
-    return _weighed(parts, value, of_link @ _placed(inertial), moments)
+    return _weigh(parts, value, of_link @ _read_pose(inertial), moments)
 
 
 def _texts(element: ElementTree.Element, key: str, count: int, default: str | None = None) -> list[float]:
@@ -149,7 +149,7 @@ def _texts(element: ElementTree.Element, key: str, count: int, default: str | No
     return values
 
 
-def _placed(element: ElementTree.Element) -> Array:
+def _read_pose(element: ElementTree.Element) -> Array:
     """A <pose> of x, y, z, roll, pitch, yaw in the frame of the element above."""
     pose = element.find("pose")
     if pose is None:
@@ -223,7 +223,7 @@ def part_of(
     return Part(kind=kind, size=size, pose=pose, path=path)
 
 
-def _weighed(parts: list[Part], mass: float, pose: Array, moments: list[float] | None) -> Description:
+def _weigh(parts: list[Part], mass: float, pose: Array, moments: list[float] | None) -> Description:
     if mass < 0:
         raise ValueError(f"<mass>: expected >= 0 kg, got {mass:g}")
     if mass == 0:

@@ -166,7 +166,7 @@ def _surfaces(parts: Sequence[Part], hulls: bool) -> dict[str, tuple[Array, IntA
         else:
             if part.path not in read:
                 read[part.path] = read_surface(part.path)
-            vertices, faces = _scaled(*read[part.path], part.size, hulls)
+            vertices, faces = _scale(*read[part.path], part.size, hulls)
         total += len(faces)
         if total > MOST_TRIANGLES:
             raise InvalidInput(
@@ -177,7 +177,7 @@ def _surfaces(parts: Sequence[Part], hulls: bool) -> dict[str, tuple[Array, IntA
     return surfaces
 
 
-def _scaled(vertices: Array, faces: IntArray, scale: Sequence[float], hulls: bool) -> tuple[Array, IntArray]:
+def _scale(vertices: Array, faces: IntArray, scale: Sequence[float], hulls: bool) -> tuple[Array, IntArray]:
     """A mesh in metres, or its convex hull."""
     vertices = vertices * np.array(scale)
     if np.prod(scale) < 0:  # mirrored

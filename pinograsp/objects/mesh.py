@@ -16,7 +16,7 @@ from pinograsp.objects.body import Body
 from pinograsp.objects.decomposition import ConvexParts, convex_parts
 from pinograsp.objects.mesh_checks import convex_surface
 from pinograsp.objects.mesh_files import mesh_files, read_surface
-from pinograsp.objects.mesh_union import concatenated, convex_pieces, one_of_several, one_solid
+from pinograsp.objects.mesh_union import concatenate, convex_pieces, one_of_several, one_solid
 from pinograsp.objects.triangles import TriangleSurface
 from pinograsp.spatial import Array, IntArray, pose_of
 
@@ -126,7 +126,7 @@ class Mesh(Body):
         if len(surfaces) == 1:
             ((vertices, faces),) = surfaces.values()
         elif convex:
-            vertices, faces = concatenated(surfaces.values())
+            vertices, faces = concatenate(surfaces.values())
         else:
             vertices, faces, given["notes"] = one_of_several(surfaces)
         try:

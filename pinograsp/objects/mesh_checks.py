@@ -28,7 +28,7 @@ def convex_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArr
     """Vertices and outward faces of the convex hull."""
     import trimesh
 
-    vertices, _ = _merged(vertices, faces)
+    vertices, _ = _merge(vertices, faces)
     spread = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
     if spread[2] <= _FLAT * spread[0]:
         raise InvalidInput(
@@ -61,12 +61,12 @@ def closed_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArr
         PartsMeet: edges with more than two faces, overlapping parts.
         InvalidInput: holes, faces wound both ways, no volume.
     """
-    vertices, faces = _merged(vertices, faces)
+    vertices, faces = _merge(vertices, faces)
     vertices, faces, mended = _without_flaws(vertices, faces)
     _check_edges(vertices, faces)
     label = part_labels(len(vertices), faces)
     count = label.max() + 1
-    volumes = np.array([_volume(vertices, part) for part in grouped(faces, label[faces[:, 0]])])
+    volumes = np.array([_volume(vertices, part) for part in group(faces, label[faces[:, 0]])])
     outward = np.where(_depths(vertices, faces, label, count) % 2 == 0, volumes > 0, volumes < 0)
     if outward.all():
         return vertices, faces, mended
@@ -80,7 +80,7 @@ def closed_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArr
     )
 
 
-def _merged(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
+def _merge(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
     """Checked arrays, vertices at the same place merged, without faces that then have fewer than three corners."""
     import trimesh
 
@@ -210,7 +210,7 @@ def part_labels(count: int, faces: IntArray) -> IntArray:
     return labels
 
 
-def grouped(rows: IntArray, label: IntArray) -> list[IntArray]:
+def group(rows: IntArray, label: IntArray) -> list[IntArray]:
     """The rows of each label, from 0 on."""
     order = np.argsort(label, kind="stable")
     return np.split(rows[order], np.cumsum(np.bincount(label))[:-1])
@@ -229,13 +229,13 @@ def _depths(vertices: Array, faces: IntArray, label: IntArray, count: int) -> In
 
     from pinograsp.hands.mesh_file import collision_model
 
-    own = grouped(np.arange(len(vertices)), label)
+    own = group(np.arange(len(vertices)), label)
     members = [vertices[which] for which in own]
     low, high = np.array([v.min(axis=0) for v in members]), np.array([v.max(axis=0) for v in members])
     numbers = np.empty(len(vertices), dtype=np.int64)  # of each vertex within its part
     for which in own:
         numbers[which] = np.arange(len(which))
-    of_part = grouped(numbers[faces], label[faces[:, 0]])
+    of_part = group(numbers[faces], label[faces[:, 0]])
     models, surfaces, here = {}, {}, coal.Transform3s.Identity()
     for i, j in _boxes_meet(low, high):
         for part in (i, j):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.errors import InvalidInput
-from pinograsp.objects.mesh_checks import PartsMeet, closed_surface, grouped, is_convex, part_labels
+from pinograsp.objects.mesh_checks import PartsMeet, closed_surface, group, is_convex, part_labels
 from pinograsp.spatial import Array, IntArray
 
 _INSTALL = "pip install 'pinograsp[mesh]'"
@@ -28,7 +28,7 @@ def one_solid(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray, t
             raise
         refused = error
     try:
-        vertices, faces, notes = _united([_outward(np.asarray(vertices, dtype=float), part) for part in parts])
+        vertices, faces, notes = _unite([_outward(np.asarray(vertices, dtype=float), part) for part in parts])
     except ImportError:
         raise InvalidInput(f"{refused}; {_INSTALL} unites the {len(parts)} parts") from None
     except InvalidInput as error:
@@ -49,13 +49,13 @@ def one_of_several(surfaces: Mapping[str, tuple[Array, IntArray]]) -> tuple[Arra
         except InvalidInput as error:
             raise InvalidInput(f"part '{name}': {error}") from None
     try:
-        vertices, faces, notes = _united(solids)
+        vertices, faces, notes = _unite(solids)
     except ImportError:
         raise InvalidInput(f"mesh: expected one part, got {len(solids)}: {_INSTALL} unites them") from None
     return vertices, faces, (f"{len(solids)} parts were united", *notes)
 
 
-def concatenated(surfaces: Iterable[tuple[Array, IntArray]]) -> tuple[Array, IntArray]:
+def concatenate(surfaces: Iterable[tuple[Array, IntArray]]) -> tuple[Array, IntArray]:
     """The surfaces beside each other in one mesh."""
     given = list(surfaces)
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in given[:-1])])
@@ -80,7 +80,7 @@ def convex_pieces(surfaces: Iterable[tuple[Array, IntArray]]) -> list[Array] | N
 def _parts_of(faces: IntArray) -> list[IntArray]:
     """Faces of each part of a mesh: triangles that share corners by their numbers."""
     of = np.unique(part_labels(int(faces.max()) + 1, faces)[faces[:, 0]], return_inverse=True)[1]
-    return grouped(faces, of.ravel())
+    return group(faces, of.ravel())
 
 
 def _outward(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
@@ -93,7 +93,7 @@ def _outward(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     return np.array(part.vertices, dtype=float), np.array(part.faces, dtype=np.int64)
 
 
-def _united(solids: list[tuple[Array, IntArray]]) -> tuple[Array, IntArray, tuple[str, ...]]:
+def _unite(solids: list[tuple[Array, IntArray]]) -> tuple[Array, IntArray, tuple[str, ...]]:
     """Vertices and faces of the union of closed solids, and notes.
 
     Raises:
@@ -101,7 +101,7 @@ def _united(solids: list[tuple[Array, IntArray]]) -> tuple[Array, IntArray, tupl
         InvalidInput: a solid that is not closed, by its number, or a union that bounds no solid.
     """
     for more in _ENLARGED:
-        vertices, faces = _union([(_enlarged(vertices, more), faces) for vertices, faces in solids])
+        vertices, faces = _union([(_enlarge(vertices, more), faces) for vertices, faces in solids])
         try:
             vertices, faces, notes = closed_surface(vertices, faces)
         except PartsMeet as error:
@@ -112,7 +112,7 @@ def _united(solids: list[tuple[Array, IntArray]]) -> tuple[Array, IntArray, tupl
     raise refused
 
 
-def _enlarged(vertices: Array, by: float) -> Array:
+def _enlarge(vertices: Array, by: float) -> Array:
     """Vertices moved away from their middle, the farthest one by that length [m]."""
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     away = vertices - middle

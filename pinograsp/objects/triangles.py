@@ -127,7 +127,7 @@ class TriangleSurface:
         point, face = np.repeat(point, _LEAF), self._leaves[node].ravel()
         squared, doubt = self._squared_distances(points[point], face)
         farthest = np.minimum.reduceat(squared + doubt, np.searchsorted(point, np.arange(k)))
-        keep = squared - doubt <= _widened(farthest)[point]
+        keep = squared - doubt <= _widen(farthest)[point]
         point, face = point[keep], face[keep]  # few: what is left is measured to the last digit
         surface, feature = _nearest_on(points[point], self.corners[face])
         offset = surface - points[point]
@@ -135,7 +135,7 @@ class TriangleSurface:
         first = np.searchsorted(point, np.arange(k))
         best = np.lexsort((face, squared, point))[first]
         turned = (offset * offset[best][point]).sum(axis=1) < _OPPOSITE * np.sqrt(squared * squared[best][point])
-        turned &= (squared <= _widened(squared[best])[point]) & (squared > NO_DIRECTION**2)
+        turned &= (squared <= _widen(squared[best])[point]) & (squared > NO_DIRECTION**2)
         return face[best], feature[best], surface[best], np.logical_or.reduceat(turned, first)
 
     def _first_guess(self, points: Array) -> Array:
@@ -148,7 +148,7 @@ class TriangleSurface:
             nearer = np.where(gap[:, 0] == gap[:, 1], centre[:, 1] < centre[:, 0], gap[:, 1] < gap[:, 0])
             node = 2 * node + nearer
         squared, doubt = self._squared_distances(np.repeat(points, _LEAF, axis=0), self._leaves[node].ravel())
-        return _widened((squared + doubt).reshape(-1, _LEAF).min(axis=1))
+        return _widen((squared + doubt).reshape(-1, _LEAF).min(axis=1))
 
     def _squared_distances(self, points: Array, face: IntArray) -> tuple[Array, Array]:
         """Squared distances (p,) of points (p, 3) from one triangle each, and how far rounding may put them off."""
@@ -219,7 +219,7 @@ def _cross(a: Array, b: Array) -> Array:
     return products
 
 
-def _widened(squared: Array) -> Array:
+def _widen(squared: Array) -> Array:
     """Squares of the distances with NO_DIRECTION added."""
     widened: Array = (np.sqrt(squared) + NO_DIRECTION) ** 2
     return widened

@@ -16,7 +16,7 @@ import numpy as np
 from pinograsp import defaults
 from pinograsp.certification import placement_hint
 from pinograsp.checks import brief, flag, instance_of, items_of, number, one_of, path_of
-from pinograsp.data import FORMATS, joined, read_grasps, write_grasps
+from pinograsp.data import FORMATS, join_rows, read_grasps, write_grasps
 from pinograsp.errors import ExtraMissing, GraspsNotRead, InvalidInput, Status
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
@@ -95,7 +95,7 @@ class DataSet:
         format: a name of :data:`pinograsp.data.FORMATS`, or ``"auto"``.
         mass: of each object [kg]; None: by its density.
         density: [kg/m^3] of each object.
-        joints: as for :func:`~pinograsp.data.placed`.
+        joints: as for :func:`~pinograsp.data.place_hand`.
         frame: likewise.
         convention: likewise.
         original: likewise.
@@ -133,7 +133,7 @@ class DataSet:
 
     @property
     def meant(self) -> dict[str, Any]:
-        """What the files mean, for :func:`~pinograsp.data.placed`."""
+        """What the files mean, for :func:`~pinograsp.data.place_hand`."""
         return {name: getattr(self, name) for name in _MEANT}
 
 
@@ -259,12 +259,12 @@ def written_back(data: DataSet, folder: str | Path, target: str | Path) -> tuple
     for path in data.files:
         own = table.filter(pc.field("file") == str(path))
         try:
-            rows = joined(read_grasps(path, format=data.format))
+            rows = join_rows(read_grasps(path, format=data.format))
             if own.num_rows != rows.n:
                 raise InvalidInput(f"{own.num_rows} of its {rows.n} grasps are certified")
             if {inputs.source(path, object_named(rows)).inputs} != set(own["inputs"].to_pylist()):
                 raise InvalidInput("it, or its object, has changed since it was certified: certify it again")
-            forces, points = (_padded(own[name]) for name in ("forces_N", "points_m"))
+            forces, points = (_pad(own[name]) for name in ("forces_N", "points_m"))
             labels = {"held": own["code"].to_numpy() == Status.HELD.code, "reason_code": own["code"].to_numpy()}
             labels |= {name: np.minimum(own[name].to_numpy(), _MOST) for name in _WRITTEN}
             goal = target / path.resolve().relative_to(above)
@@ -276,7 +276,7 @@ def written_back(data: DataSet, folder: str | Path, target: str | Path) -> tuple
     return done, refused
 
 
-def _padded(column: pa.ChunkedArray) -> Array:
+def _pad(column: pa.ChunkedArray) -> Array:
     """Lists of three numbers for each contact as an array (N, k, 3), filled with zeros."""
     lists = column.to_pylist()
     found = np.zeros((len(lists), max((len(one) for one in lists), default=0) // 3, 3))
@@ -304,7 +304,7 @@ class _Rows(Parts):
         self.done: set[tuple[str, int]] = set()
         self._placing: dict[str, list[tuple[int, float]]] = {}
         try:
-            self.changed = self._outdated()
+            self.changed = self._find_outdated()
             self.remove_rows("file", self.changed)
             for one in self.live:
                 self.count(read_part(one, list(_COUNTED)))
@@ -312,7 +312,7 @@ class _Rows(Parts):
             self.__exit__()
             raise
 
-    def _outdated(self) -> tuple[str, ...]:
+    def _find_outdated(self) -> tuple[str, ...]:
         """The files whose rows are of another content than theirs, or their object's, is now."""
         rows_of: set[tuple[str, str | None, str]] = set()
         for one in self.live:

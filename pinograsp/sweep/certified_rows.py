@@ -12,7 +12,7 @@ import numpy as np
 
 from pinograsp.certification import Certifier
 from pinograsp.checks import one_line
-from pinograsp.data import GraspRows, placed
+from pinograsp.data import GraspRows, place_hand
 from pinograsp.errors import ExtraMissing, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
@@ -45,14 +45,14 @@ def blocks_of(rows: GraspRows, hand: HandModel, **meant: Any) -> Iterator[Block]
     Args:
         rows: as they were read.
         hand: of one joint, where the file gives none: jaws that are to close.
-        meant: as for :func:`~pinograsp.data.placed`.
+        meant: as for :func:`~pinograsp.data.place_hand`.
 
     Raises:
         InvalidInput: they are not of this hand.
     """
     closing = hand.n == 1 and not rows.q.shape[1]
     at = {hand.joint_names[0]: float(hand.resting[0])} if closing else None
-    poses, q = placed(rows, hand, at=at, **meant)
+    poses, q = place_hand(rows, hand, at=at, **meant)
     pose = np.eye(4) if rows.object_pose is None else np.asarray(rows.object_pose)
     for scale in np.unique(rows.scale):
         own = np.flatnonzero(rows.scale == scale)
@@ -100,13 +100,13 @@ def fault_of(error: Exception) -> str:
 @functools.lru_cache(maxsize=_PREPARED)
 def _certifier(payload: bytes, name: str, content: str, scale: float, pose: bytes) -> Certifier:
     """What certifies grasps of an object; ``content``: of its files, which are read again where it is another."""
-    given = _given(payload)
+    given = _load(payload)
     body = object_in(given.objects, name, scale=scale, mass=given.mass, density=given.density)
     body = body.placed(np.frombuffer(pose).reshape(4, 4) @ body.pose)
     return Certifier(given.hand, body, given.conditions, tolerance=given.tolerance, drives=given.drives, threads=1)
 
 
 @functools.lru_cache(maxsize=1)
-def _given(payload: bytes) -> Prepared:
+def _load(payload: bytes) -> Prepared:
     given: Prepared = pickle.loads(payload)  # this program's own
     return given

@@ -70,7 +70,7 @@ def settings_of_hand(hand: HandModel) -> dict[str, str]:
         one.meshPath = ""
     values = {one.name: getattr(hand, one.name) for one in fields(hand) if one.name not in _BESIDE_THE_POINT}
     values |= {"geometry": geometry, "couplings": dict(hand.couplings)}
-    return {name: _pickled(value) for name, value in values.items()}
+    return {name: _digest_value(value) for name, value in values.items()}
 
 
 def settings_of_conditions(conditions: GraspConditions) -> dict[str, Any]:
@@ -86,10 +86,10 @@ def plain(value: object) -> Any:
         return value.tolist()
     if isinstance(value, Mapping):
         return {str(name): plain(one) for name, one in value.items()}
-    return value if value is None or isinstance(value, str | bool | int | float) else _pickled(value)
+    return value if value is None or isinstance(value, str | bool | int | float) else _digest_value(value)
 
 
-def _pickled(value: object) -> str:
+def _digest_value(value: object) -> str:
     content = io.BytesIO()
     pickler = pickle.Pickler(content, protocol=5)
     pickler.fast = True  # without references: the same values give the same bytes, shared or not

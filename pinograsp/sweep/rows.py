@@ -122,7 +122,7 @@ def run_chunk(payload: str, rows: list[tuple[int, Row]]) -> ChunkResult:
         if base.what == "forces":
             results = _forces(base, rows, started)
         else:
-            results = list(_in_time(started, rows, functools.partial(_row, _planned, base)))
+            results = list(_in_time(started, rows, functools.partial(_row, _plan, base)))
         for path, digest in files.items():
             if digest != base.files.get(path, digest):
                 raise PinograspError(
@@ -166,7 +166,7 @@ def _failure(error: Exception, elapsed: float) -> Row:
     return {"status": str(status), "message": text, "elapsed_s": elapsed}
 
 
-def _planned(base: SweepBase, inputs: Row) -> Row:
+def _plan(base: SweepBase, inputs: Row) -> Row:
     plan = base.case(inputs).plan(progress=False)
     if plan.status is Status.INTERRUPTED:  # the search catches Ctrl-C
         raise KeyboardInterrupt
@@ -211,7 +211,7 @@ def _forces(base: SweepBase, rows: list[tuple[int, Row]], started: float) -> lis
     for (_, _, objective), which in groups.items():
         batch = [one for i in which if isinstance(one := prepared[i], _Problem)]
         try:
-            solved = _solved(batch, json.loads(objective))
+            solved = _solve_batch(batch, json.loads(objective))
         except Exception as error:  # a failure of the batch is that of all its rows
             solved = [_failure(error, 0.0)] * len(batch)
         for i, row in zip(which, solved):
@@ -236,7 +236,7 @@ def _problem(base: SweepBase, inputs: Row) -> _Problem | Row:
     return _Problem(problem, at, (problem.friction, problem.balance, objective))
 
 
-def _solved(batch: list[_Problem], objective: Objective) -> list[Row]:
+def _solve_batch(batch: list[_Problem], objective: Objective) -> list[Row]:
     """The rows of one batch."""
     problems, times = [one.problem for one in batch], [one.at for one in batch]
     answers = solve_batch(ForceBatch.of(problems, times), objective=objective, threads=1)

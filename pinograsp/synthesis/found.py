@@ -114,7 +114,7 @@ def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 
     if len(touching) < 2:
         return "fewer than two contacts", None
     # Where the jaws have pushed the object, the hand goes instead: the object's place is given.
-    closure = _hand_moved(closure)
+    closure = _move_hand(closure)
     contacts = closure.contacts()
     problem = problem_of(closure.hand, closure.object, contacts, conditions)
     forces = optimize_forces(problem, impact_time)
@@ -164,7 +164,7 @@ def problem_of(hand: HandModel, body: Body, contacts: ContactSet, conditions: Gr
     return replace(problem, torques=torques)
 
 
-def _hand_moved(closure: Closure) -> Closure:
+def _move_hand(closure: Closure) -> Closure:
     """The same closure with the hand moved back instead of the object pushed."""
     if np.array_equal(closure.pushed, np.eye(4)):
         return closure

@@ -27,7 +27,7 @@ def cannot_stop_alone(hand: HandModel) -> bool:
     )
 
 
-def centred(hand: HandModel, body: Body, opened: Array, closed: Array) -> Closure | None:
+def centre_on(hand: HandModel, body: Body, opened: Array, closed: Array) -> Closure | None:
     """The closure of fingers that cannot stop one by one, with the hand moved so that they touch at the same time.
 
     Pushing the object between them would take far longer. None where that does not come to two fingers that touch.
@@ -46,13 +46,13 @@ def centred(hand: HandModel, body: Body, opened: Array, closed: Array) -> Closur
         pressing = [name for name, one in near.items() if name in fingers and one.gap < 2 * body.bounding_radius]
         if len(pressing) < 2 or touching.issuperset(pressing):
             break
-        hand = hand.placed(_evened(hand, body, closure.q, way, [near[name] for name in pressing]))
+        hand = hand.placed(_even_out(hand, body, closure.q, way, [near[name] for name in pressing]))
     if closure is None or len({touch.finger for touch in closure.touches} & fingers) < 2:
         return None
     return closure
 
 
-def _evened(hand: HandModel, body: Body, q: Array, way: Array, pressing: list[NearPoint]) -> Array:
+def _even_out(hand: HandModel, body: Body, q: Array, way: Array, pressing: list[NearPoint]) -> Array:
     """The pose (4, 4) with the least motion of the hand after which closing on brings all points to the surface."""
     data = hand.model.createData()
     pin.computeJointJacobians(hand.model, data, q)

@@ -94,7 +94,7 @@ def free_of_themselves(hand: HandModel, shapes: list[Preshape]) -> list[Preshape
     return [one for one in shapes if not collisions.between(middle, one.met)]
 
 
-def refined(hand: HandModel, shapes: list[Preshape], rng: np.random.Generator) -> list[Preshape]:
+def refine(hand: HandModel, shapes: list[Preshape], rng: np.random.Generator) -> list[Preshape]:
     """The best opposed of ``shapes`` near each of some widths, fingers spread and moved until they oppose better.
 
     Without joints that spread or oppose fingers there are none.
@@ -114,7 +114,7 @@ def refined(hand: HandModel, shapes: list[Preshape], rng: np.random.Generator) -
         for start in sorted(shapes, key=worth)[:_REFINED]:
             best = start
             for turn in range(_TURNS):
-                other = tips.moved(best, rng, _AWAY * (1.0 - turn / _TURNS))
+                other = tips.move(best, rng, _AWAY * (1.0 - turn / _TURNS))
                 if other is not None and worth(other) < worth(best) and not collisions.between(middle, other.met):
                     best = other
             better.append(best)
@@ -192,7 +192,7 @@ class _Tips:
             ahead[dofs] = rng.uniform(-_AHEAD, _AHEAD)
         return ahead
 
-    def moved(self, one: Preshape, rng: np.random.Generator, size: float) -> Preshape | None:
+    def move(self, one: Preshape, rng: np.random.Generator, size: float) -> Preshape | None:
         """A preshape with its fingers spread and moved a little, by shares of their ranges."""
         opened, closed = one.opened.copy(), one.closed.copy()
         moving = np.concatenate([dofs for _, dofs in self.fingers])

@@ -21,8 +21,8 @@ from pinograsp.hands.geometry import hulls
 from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import Array
 from pinograsp.synthesis.found import FoundGrasp, hold
-from pinograsp.synthesis.jaws import cannot_stop_alone, centred
-from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refined
+from pinograsp.synthesis.jaws import cannot_stop_alone, centre_on
+from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refine
 from pinograsp.synthesis.seeds import Pairs, Region, find_pairs
 from pinograsp.words import printable
 
@@ -72,7 +72,7 @@ def make_case(
     good = _usable(rough, shapes)
     if len(good) < _ENOUGH and not cannot_stop_alone(hand):
         shapes += preshapes(rough, rng, uneven=True)
-        shapes += refined(rough, shapes, rng)
+        shapes += refine(rough, shapes, rng)
         good = _usable(rough, shapes)
     if len(good) < _NEAREST:
         good = sorted(shapes, key=lambda one: one.imbalance)[: 4 * _NEAREST]
@@ -117,11 +117,11 @@ def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     outcomes: list[str] = []
     best: tuple[Posed, Tried] | None = None
     for _ in range(size):
-        posed = _drawn(case, rng)
+        posed = _draw(case, rng)
         if posed is None:
             outcomes.append(_BLOCKED[case.table is not None])
             continue
-        tried = _closed(case, posed)
+        tried = _try_closing(case, posed)
         outcomes.append(tried.outcome)
         if best is None or tried.worth > best[1].worth:
             best = (posed, tried)
@@ -131,13 +131,13 @@ def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     for attempt in range(_MOST_TRIES):
         if attempt >= _TRIES and tried.grasp is not None and tried.grasp.gentle:
             break
-        moved = _moved(case, posed, rng, 1.0 - attempt % _TRIES / _TRIES)
-        other = _closed(case, moved)
+        moved = _move(case, posed, rng, 1.0 - attempt % _TRIES / _TRIES)
+        other = _try_closing(case, moved)
         if other.worth > tried.worth:
             posed, tried = moved, other
     if tried.grasp is None:
         return Batch(outcomes, None)
-    exact = _closed(case, Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed)).grasp
+    exact = _try_closing(case, Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed)).grasp
     if exact is None:
         return Batch(outcomes, None)
     forces = replace(exact.forces, problem=replace(exact.forces.problem, object=None))
@@ -159,7 +159,7 @@ class Tried(NamedTuple):
         return (-1, -self.imbalance) if self.grasp is None else self.grasp.worth
 
 
-def _closed(case: SearchCase, posed: Posed) -> Tried:
+def _try_closing(case: SearchCase, posed: Posed) -> Tried:
     """The outcome of closing a hand where it is."""
     try:
         closure = _closure(case, posed)
@@ -185,7 +185,7 @@ def _closure(case: SearchCase, posed: Posed) -> Closure:
     """The hand closed; fingers that touch the object outside the region stay open, as long as two others close."""
     hand, closed = posed.hand, posed.closed.copy()
     if cannot_stop_alone(hand) and not case.wrap:
-        closure = centred(hand, case.body, posed.opened, closed)
+        closure = centre_on(hand, case.body, posed.opened, closed)
         if closure is not None:
             return closure
     closing = {finger.name: finger for finger in hand.fingers}
@@ -212,7 +212,7 @@ def _outside(case: SearchCase, closure: Closure) -> dict[str, float]:
     return found
 
 
-def _drawn(case: SearchCase, rng: np.random.Generator) -> Posed | None:
+def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | None:
     """A hand clear of the object, its fingertips about two surfaces that face each other; None: not found."""
     pairs, body = case.pairs, case.body
     widths = np.array([one.width for one in case.preshapes])
@@ -230,7 +230,7 @@ def _drawn(case: SearchCase, rng: np.random.Generator) -> Posed | None:
         out = turn @ shape.out_h
         placed = _clear(case, _pose(turn, at), out, shape.opened)
         if placed is not None and case.wrap:
-            placed = _pressed_on(placed, body, shape.opened, out)
+            placed = _press_on(placed, body, shape.opened, out)
         if placed is not None and _above(case, placed, shape.opened[None]):
             return Posed(placed, shape.opened, shape.closed)
     return None
@@ -271,7 +271,7 @@ def _clear(case: SearchCase, pose: Array, out: Array, opened: Array) -> HandMode
     return None
 
 
-def _moved(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float) -> Posed:
+def _move(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float) -> Posed:
     """The hand moved and turned about the object a little, its fingers spread a little differently."""
     pose, body = np.array(posed.hand.pose), case.body
     turn = pin.exp3(size * _TURN * rng.normal(size=3))
@@ -287,7 +287,7 @@ def _moved(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float
     return Posed(case.rough.placed(pose), opened, closed)
 
 
-def _pressed_on(hand: HandModel, body: Body, q: Array, direction: Array) -> HandModel | None:
+def _press_on(hand: HandModel, body: Body, q: Array, direction: Array) -> HandModel | None:
     """The hand moved along ``direction`` (3,) until it touches the object; None where it passes by."""
     pose, moved = np.array(hand.pose), 0.0
     for _ in range(_ADVANCES):

@@ -97,11 +97,11 @@ class GraspSearch:
     def explain(self) -> str:
         """What came of it in words: how many samples ended how, and what to do where none holds."""
         counts = "; ".join(f"{_SAID.get(what, what)}: {count}" for what, count in self.outcomes.items())
-        samples = _counted(self.tried, "sample")
+        samples = _count(self.tried, "sample")
         if self.grasps:
             good = sum(grasp.bears for grasp in self.grasps)
             which = "" if good == len(self.grasps) else f" ({good} with a squeeze that withstands the reserve)"
-            grasps = _counted(len(self.grasps), "grasp")
+            grasps = _count(len(self.grasps), "grasp")
             text = f"{grasps}{which} from {samples}, the best of every {_BATCH} moved about. As drawn: {counts}"
             return "\n".join([text, *self.advice])
         text, (least, largest) = f"no grasp of {samples} holds the object: {counts}", self.opening
@@ -119,7 +119,7 @@ class GraspSearch:
 _SAID = {"holds": "held"}  # outcomes of many
 
 
-def _counted(count: int, what: str) -> str:
+def _count(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
@@ -198,7 +198,7 @@ def find_grasps(
     run.bar.close()
     near = tuple(_with_bodies(hand, body, one) for one in near)
     return GraspSearch(
-        grasps=tuple(_with_bodies(hand, body, one) for one in _ranked(run.found)),
+        grasps=tuple(_with_bodies(hand, body, one) for one in _rank(run.found)),
         tried=sum(run.outcomes.values()),
         outcomes=run.outcomes,
         opening=opening,
@@ -210,7 +210,7 @@ def find_grasps(
     )
 
 
-def _ranked(found: list[FoundGrasp]) -> list[FoundGrasp]:
+def _rank(found: list[FoundGrasp]) -> list[FoundGrasp]:
     """Best first."""
     return sorted(found, key=lambda one: one.worth, reverse=True)
 
@@ -259,7 +259,7 @@ class _Run:
                 found += [] if batch.grasp is None else [batch.grasp]
                 interrupt()
             if any(one.bears for one in found):
-                return tuple(_ranked(found)[:_NEAR])
+                return tuple(_rank(found)[:_NEAR])
         return ()
 
     def _results(self, case: SearchCase, seed: np.random.SeedSequence) -> Iterator[Batch]:

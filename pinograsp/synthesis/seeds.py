@@ -61,7 +61,7 @@ class Region:
         beyond: Array = np.linalg.norm(np.maximum(0.0, np.maximum(self.lower - points, points - self.upper)), axis=-1)
         return beyond
 
-    def drawn(self, rng: np.random.Generator, count: int) -> Array:
+    def draw(self, rng: np.random.Generator, count: int) -> Array:
         """Random points inside, in the world (count, 3) [m]."""
         points: Array = rng.uniform(self.lower, self.upper, (count, 3)) @ self.pose[:3, :3].T + self.pose[:3, 3]
         return points
@@ -81,7 +81,7 @@ def find_pairs(body: Body, rng: np.random.Generator, region: Region | None = Non
         away = np.where(np.arange(_POINTS) % 2 == 0, 1.5, 0.9 * rng.uniform(0.1, 1.0, _POINTS))
         start = body.com_o + radius * away[:, None] * directions
     else:
-        start = region.drawn(rng, _POINTS)
+        start = region.draw(rng, _POINTS)
     first, axes, _ = body.project(start)
     keep = np.isfinite(axes).all(axis=1)
     first, axes = first[keep], axes[keep]

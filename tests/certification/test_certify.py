@@ -264,7 +264,7 @@ def test_blocks_and_their_order_do_not_matter(allegro, monkeypatch):
     whole = certifier(q, roots)
     order = np.random.default_rng(0).permutation(30)
     shuffled = certifier(q[order], roots[order])
-    parts = Certificates.joined([certifier(q[:7], roots[:7]), certifier(q[7:], roots[7:])])
+    parts = Certificates.join([certifier(q[:7], roots[:7]), certifier(q[7:], roots[7:])])
     for other, same in ((shuffled, order), (parts, np.arange(30))):
         assert np.array_equal(other.reason, whole.reason[same])
         assert np.allclose(other.torques, whole.torques[same], atol=1e-6)

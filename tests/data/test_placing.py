@@ -11,7 +11,7 @@ from own_hands import joint, link
 from scipy.spatial.transform import Rotation
 
 import pinograsp as pg
-from pinograsp.data import CONVENTIONS, GraspRows, JointAxes, alignment, joined, joint_axes, placed, read_grasps
+from pinograsp.data import CONVENTIONS, GraspRows, JointAxes, alignment, join_rows, joint_axes, place_hand, read_grasps
 from pinograsp.errors import InvalidInput
 
 
@@ -99,14 +99,14 @@ def test_fingertips_are_where_they_were_on_another_description(tmp_path):
     poses, q = random_poses(6, 8), rng.uniform(-0.9, 1.4, (6, 9))
     order = rng.permutation(9)
     rows = rows_of("isaac", poses, q[:, order], [file_hand.joint_names[i] for i in order])
-    there, q_there = placed(rows, hand, original=file_hand, joints=NAMES)
+    there, q_there = place_hand(rows, hand, original=file_hand, joints=NAMES)
     before = tips(file_hand, poses, q, [f"{finger}_tip" for finger in FINGERS])
     after = tips(hand, there, q_there, [f"L{finger}_tip" for finger in FINGERS])
     np.testing.assert_allclose(after, before, atol=1e-7)
     assert np.abs(q_there[:, hand.joint_names.index("Ja1")] + q[:, file_hand.joint_names.index("a_1")]).max() == 0
     # The hand where it stands in a scene does not matter: its root is placed anew.
     moved = hand.placed(random_poses(1, 4)[0])
-    again, _ = placed(rows, moved, original=file_hand, joints=NAMES)
+    again, _ = place_hand(rows, moved, original=file_hand, joints=NAMES)
     np.testing.assert_allclose(again, there, atol=1e-7)
 
 
@@ -130,7 +130,7 @@ def test_an_alignment_tells_where_hands_differ(tmp_path):
     worse = alignment(axes, JointAxes(names=theirs.names, origins=origins, directions=theirs.directions))
     assert worse.worst == laid.names[4] and 4e-3 < worse.residual < 5e-3
     with pytest.raises(InvalidInput, match="three pairs"):
-        alignment(axes.of(axes.names[:2]), theirs.of(theirs.names[:2]))
+        alignment(axes.choose(axes.names[:2]), theirs.choose(theirs.names[:2]))
     # Where a sliding joint has its origin says nothing: its direction alone counts.
     sliding = dataclasses.replace(theirs, origins=origins, slides=np.arange(9) == 4)
     assert alignment(axes, sliding).residual < 1e-7
@@ -145,12 +145,12 @@ def test_another_hand_and_other_zeros_are_refused(tmp_path):
     mirrored = (tmp_path / "second.urdf").read_text().replace("0.03 0.01 0.02", "0.034 0.01 0.02")
     (tmp_path / "other.urdf").write_text(mirrored)
     with pytest.raises(InvalidInput, match=r"axes differ by .* mm, most at 'Ja.' \('a_.' of the file\)"):
-        placed(rows, pg.load_hand(tmp_path / "other.urdf"), original=file_hand, joints=NAMES)
+        place_hand(rows, pg.load_hand(tmp_path / "other.urdf"), original=file_hand, joints=NAMES)
     before, after = (tmp_path / "second.urdf").read_text().split('name="Ja1"')
     after = after.replace('rpy="0 0 0"', 'rpy="0.2 0 0"', 1)  # the zero of this joint: what is beyond it has moved
     (tmp_path / "zero.urdf").write_text(f'{before}name="Ja1"{after}')
     with pytest.raises(InvalidInput, match="has other zeros.*most at 'Ja2'"):
-        placed(rows, pg.load_hand(tmp_path / "zero.urdf"), original=file_hand, joints=NAMES)
+        place_hand(rows, pg.load_hand(tmp_path / "zero.urdf"), original=file_hand, joints=NAMES)
 
 
 # -- public hands: the catalogue's Allegro is the one of get_a_grip and BODex; DexGraspBench has it turned
@@ -168,7 +168,7 @@ ALLEGRO_TIPS = ["link_3.0_tip", "link_7.0_tip", "link_11.0_tip", "link_15.0_tip"
 def test_allegro_in_the_order_of_the_file(kind, allegro):
     q = np.random.default_rng(0).uniform(0, 0.5, (3, 16))
     rows = rows_of(kind, random_poses(3, 2), q, [f"joint_{i}.0" for i in range(16)])
-    poses, there = placed(rows, allegro)
+    poses, there = place_hand(rows, allegro)
     np.testing.assert_allclose(poses, rows.poses, atol=2e-5)  # the known axes have five digits
     for i, name in enumerate(rows.joint_names):
         np.testing.assert_array_equal(there[:, allegro.joint_names.index(name)], q[:, i])
@@ -178,17 +178,17 @@ def test_allegro_of_mjcf_is_turned_and_needs_its_name(allegro):
     g = grasp_files.some_grasps(n=1)
     rows = rows_of("dexgraspbench", g.poses, g.q)
     with pytest.raises(InvalidInput, match="convention='allegro_mjcf' or 'leap_mjcf'"):
-        placed(rows, allegro)
-    poses, q = placed(rows, allegro, convention="allegro_mjcf")
+        place_hand(rows, allegro)
+    poses, q = place_hand(rows, allegro, convention="allegro_mjcf")
     palm = np.eye(4)
     palm[:3, :3] = Rotation.from_quat([1, 0, 1, 0]).as_matrix()  # quat="0 1 0 1" of the MJCF file
     np.testing.assert_allclose(poses, g.poses @ palm, atol=2e-5)
     names = [f"joint_{i}.0" for i in range(16)]  # index, middle, ring, thumb
     np.testing.assert_array_equal(q[:, [allegro.joint_names.index(name) for name in names]], g.q)
     dexonomy = dataclasses.replace(rows, format="dexonomy", hand_name="allegro")
-    np.testing.assert_array_equal(placed(dexonomy, allegro)[0], poses)
+    np.testing.assert_array_equal(place_hand(dexonomy, allegro)[0], poses)
     with pytest.raises(InvalidInput, match="not the hand that leap_mjcf is for"):
-        placed(rows, allegro, convention="leap_mjcf", joints=names)
+        place_hand(rows, allegro, convention="leap_mjcf", joints=names)
 
 
 def test_files_end_to_end_on_the_same_fingertips(allegro, tmp_path):
@@ -198,27 +198,27 @@ def test_files_end_to_end_on_the_same_fingertips(allegro, tmp_path):
     ordered = q[[allegro.joint_names.index(f"joint_{i}.0") for i in range(16)]]
     g = grasp_files.some_grasps(n=1)
     g.q[0], g.poses[0] = ordered, pose
-    grip = joined(read_grasps(grasp_files.npy(tmp_path / "mug_0_0500.npy", grasp_files.get_a_grip(g))))
+    grip = join_rows(read_grasps(grasp_files.npy(tmp_path / "mug_0_0500.npy", grasp_files.get_a_grip(g))))
     palm = np.eye(4)
     palm[:3, :3] = [[0, 0, 1], [0, -1, 0], [1, 0, 0]]
     g.poses[0] = pose @ np.linalg.inv(palm)
-    bench = joined(read_grasps(grasp_files.npy(tmp_path / "0.npy", grasp_files.dexonomy(g))))
+    bench = join_rows(read_grasps(grasp_files.npy(tmp_path / "0.npy", grasp_files.dexonomy(g))))
     truth = tips(allegro, pose[None], q[None], ALLEGRO_TIPS)
     for rows in (grip, bench):
-        np.testing.assert_allclose(tips(allegro, *placed(rows, allegro), ALLEGRO_TIPS), truth, atol=3e-5)
+        np.testing.assert_allclose(tips(allegro, *place_hand(rows, allegro), ALLEGRO_TIPS), truth, atol=3e-5)
 
 
 def test_a_left_hand_is_not_a_right_one():
     q = np.zeros((1, 16))
     rows = rows_of("get_a_grip", random_poses(1, 2), q, [f"joint_{i}.0" for i in range(16)])
     with pytest.raises(InvalidInput, match="is the other side"):
-        placed(rows, pg.load_hand("allegro_left"))
+        place_hand(rows, pg.load_hand("allegro_left"))
 
 
 def test_graspqps_allegro_lies_on_the_catalogues(allegro):
     known = CONVENTIONS["allegro_graspqp"]
     rows = rows_of("graspqp", random_poses(2, 3), np.zeros((2, 16)), known.joints)
-    poses, _ = placed(rows, allegro)
+    poses, _ = place_hand(rows, allegro)
     # Both hands' middle fingers point away from the palm: y of that root, z of this one.
     np.testing.assert_allclose((rows.poses @ [0, 1, 0, 0])[:, :3], (poses @ [0, 0, 1, 0])[:, :3], atol=0.01)
 
@@ -229,7 +229,7 @@ def test_graspqps_allegro_lies_on_the_catalogues(allegro):
 def test_the_known_shadow_hands_lie_on_each_other():
     old, new = CONVENTIONS["shadow_dexgraspnet"].axes, CONVENTIONS["shadow_palm"].axes
     names = [f"rh_{name[7:10]}{int(name[10]) + 1}" for name in old.names]
-    laid = alignment(new.of(names), old)
+    laid = alignment(new.choose(names), old)
     assert laid.residual < 3e-3 and {pair[1] for pair in laid.names if laid.signs[laid.names.index(pair)] < 0} == {
         "robot0:FFJ3",
         "robot0:MFJ3",
@@ -238,16 +238,16 @@ def test_the_known_shadow_hands_lie_on_each_other():
     }
     np.testing.assert_allclose(laid.pose, np.eye(4), atol=2e-3)
     mjcf = CONVENTIONS["shadow_mjcf"].axes
-    up = alignment(new.of(mjcf.names), mjcf).pose
+    up = alignment(new.choose(mjcf.names), mjcf).pose
     np.testing.assert_allclose(up[:3, 3], [0, 0, -0.034], atol=1e-6)
     graspqp = CONVENTIONS["shadow_graspqp"].axes
-    same = graspqp.of([name.replace(":", "_") for name in old.names])
+    same = graspqp.choose([name.replace(":", "_") for name in old.names])
     assert alignment(old, same).residual < 2e-5
 
 
 def test_the_known_leap_hands_lie_on_each_other():
     base, mjcf = CONVENTIONS["leap_base"].axes, CONVENTIONS["leap_mjcf"].axes
-    flat = alignment(mjcf.of(["if_mcp", "if_rot", "if_pip", "th_cmc"]), base.of(["j1", "j0", "j2", "j12"]))
+    flat = alignment(mjcf.choose(["if_mcp", "if_rot", "if_pip", "th_cmc"]), base.choose(["j1", "j0", "j2", "j12"]))
     assert flat.residual < 1e-6
     np.testing.assert_allclose(flat.pose[:3, 3], [0, 0, 0.1], atol=1e-6)
     np.testing.assert_allclose(flat.pose[:3, :3], np.diag([1, -1, -1]), atol=1e-6)
@@ -282,19 +282,19 @@ def test_a_shadow_file_moves_the_newer_hand_as_the_older_one(tmp_path):
     new = shadow_like(tmp_path, "new", CONVENTIONS["shadow_palm"].axes)
     g = grasp_files.some_grasps(n=4, d=22)
     path = grasp_files.npy(tmp_path / "mug.npy", grasp_files.dexgraspnet_rows(g))
-    rows = joined(read_grasps(path))
+    rows = join_rows(read_grasps(path))
     links = ["FF_tip", "MF_tip", "RF_tip"]  # the others are of slightly other lengths in the two
-    before = tips(old, *placed(rows, old), links)
-    after = tips(new, *placed(rows, new), links)
+    before = tips(old, *place_hand(rows, old), links)
+    after = tips(new, *place_hand(rows, new), links)
     np.testing.assert_allclose(after, before, atol=3e-4)
-    _, q = placed(rows, new)
+    _, q = place_hand(rows, new)
     for name, sign in {"rh_FFJ4": -1, "rh_RFJ4": 1, "rh_THJ1": -1, "rh_THJ5": 1, "rh_LFJ5": 1}.items():
         file_name = f"robot0:{name[3:6]}{int(name[6]) - 1}"
         column = g.q[:, grasp_files.SHADOW.index(file_name)]
         np.testing.assert_array_equal(q[:, new.joint_names.index(name)], sign * column)
     with pytest.raises(InvalidInput, match=r"34\.0 mm"):
         bench = rows_of("dexgraspbench", g.poses[:1], g.q[:1])
-        placed(bench, new, frame="palm")
+        place_hand(bench, new, frame="palm")
 
 
 # -- jaws
@@ -308,8 +308,8 @@ def test_acronyms_panda_closes_along_x_and_frankas_along_y():
     panda = pg.load_hand("panda")
     rows = acronym_rows()
     with pytest.raises(InvalidInput, match="no position of panda_finger_joint1.*at="):
-        placed(rows, panda)
-    poses, q = placed(rows, panda, at={"panda_finger_joint1": [0.01, 0.04]})
+        place_hand(rows, panda)
+    poses, q = place_hand(rows, panda, at={"panda_finger_joint1": [0.01, 0.04]})
     np.testing.assert_array_equal(q[:, 0], [0.01, 0.04])
     links = ["panda_leftfinger", "panda_rightfinger"]
     fingers = (
@@ -321,11 +321,11 @@ def test_acronyms_panda_closes_along_x_and_frankas_along_y():
     np.testing.assert_allclose(fingers[:, :, 1, 0], 0, atol=1e-9)
     np.testing.assert_allclose(fingers[:, :, 2, 0], 0.0584, atol=1e-9)
     with pytest.raises(InvalidInput, match="expected a link panda_hand or hand.*palm_in_root"):
-        placed(rows, pg.load_hand("pr2_left"), at={"l_gripper_l_finger_joint": 0.1})
+        place_hand(rows, pg.load_hand("pr2_left"), at={"l_gripper_l_finger_joint": 0.1})
     generated = acronym_rows(kind="graspgen", hand_name="")
     with pytest.raises(InvalidInput, match="convention='panda_graspgen'"):
-        placed(generated, panda)
-    same, _ = placed(generated, panda, convention="panda_graspgen", at={"panda_finger_joint1": 0.04})
+        place_hand(generated, panda)
+    same, _ = place_hand(generated, panda, convention="panda_graspgen", at={"panda_finger_joint1": 0.04})
     np.testing.assert_array_equal(same, poses)
 
 
@@ -335,9 +335,9 @@ def test_graspnets_gripper_is_put_where_its_fingertips_are():
         kind="graspnet", hand_name="", widths=np.array([0.05, 0.08]), labels={"depth": np.array([0.01, 0.04])}
     )
     with pytest.raises(InvalidInput, match="palm_in_root= for the frame between the fingertips' ends"):
-        placed(rows, panda)
+        place_hand(rows, panda)
     tip = np.array([[0, 0, -1.0, 0], [0, 1.0, 0, 0], [1.0, 0, 0, 0.1034], [0, 0, 0, 1]])  # x approaches, y closes
-    poses, q = placed(rows, panda, palm_in_root=tip)
+    poses, q = place_hand(rows, panda, palm_in_root=tip)
     np.testing.assert_allclose(q[:, 0], [0.025, 0.04])
     ends = poses @ tip
     np.testing.assert_allclose(ends[:, :3, :3], rows.poses[:, :3, :3], atol=1e-12)
@@ -351,8 +351,8 @@ def test_isaacs_frame_is_given():
         "isaac", random_poses(2, 6), [[0.01], [0.02]], ["panda_finger_joint1"], hand_name="/World/panda_hand"
     )
     with pytest.raises(InvalidInput, match="is not known: give"):
-        placed(rows, panda)
-    poses, q = placed(rows, panda, frame="panda_hand")
+        place_hand(rows, panda)
+    poses, q = place_hand(rows, panda, frame="panda_hand")
     np.testing.assert_allclose(poses, rows.poses, atol=1e-12)
     np.testing.assert_array_equal(q[:, 0], [0.01, 0.02])
 
@@ -379,11 +379,11 @@ def test_what_does_not_match_is_named(allegro):
     ]
     for arguments, message in cases:
         with pytest.raises(InvalidInput, match=message):
-            placed(rows, allegro, **arguments)
+            place_hand(rows, allegro, **arguments)
     with pytest.raises(InvalidInput, match="no joint for wrist of the file"):
-        placed(other, allegro, frame="palm_link")
+        place_hand(other, allegro, frame="palm_link")
     still = dataclasses.replace(other, q=np.where(np.arange(17) == 16, 0.0, other.q))
-    poses, q = placed(still, allegro, frame="palm_link")
+    poses, q = place_hand(still, allegro, frame="palm_link")
     np.testing.assert_allclose(poses, other.poses, atol=1e-12)
     np.testing.assert_array_equal(q, np.full((2, 16), 0.3))
 
@@ -392,7 +392,7 @@ def test_joints_that_follow_others_have_to_agree():
     panda = pg.load_hand("panda")
     both = ["panda_finger_joint1", "panda_finger_joint2"]
     rows = rows_of("isaac", random_poses(2, 6), [[0.01, 0.01], [0.02, 0.02]], both)
-    _, q = placed(rows, panda, frame="panda_hand")
+    _, q = place_hand(rows, panda, frame="panda_hand")
     np.testing.assert_array_equal(q[:, 0], [0.01, 0.02])
     with pytest.raises(InvalidInput, match="follows 'panda_finger_joint1'"):
-        placed(dataclasses.replace(rows, q=np.array([[0.01, 0.02], [0.02, 0.02]])), panda, frame="panda_hand")
+        place_hand(dataclasses.replace(rows, q=np.array([[0.01, 0.02], [0.02, 0.02]])), panda, frame="panda_hand")

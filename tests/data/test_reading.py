@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import pinograsp as pg
-from pinograsp.data import FORMATS, joined, read_grasps, write_grasps
+from pinograsp.data import FORMATS, join_rows, read_grasps, write_grasps
 from pinograsp.errors import ExtraMissing, GraspsNotRead, InvalidInput
 
 JOINTS = [f"joint_{i}.0" for i in range(16)]
@@ -64,7 +64,7 @@ def assert_equal(a, b, but=()):
 @pytest.mark.parametrize("kind", FORMATS)
 def test_poses_and_joints_are_what_the_file_means(kind, tmp_path):
     g = grasps(kind)
-    rows = joined(read_grasps(file_of(kind, tmp_path, g)))
+    rows = join_rows(read_grasps(file_of(kind, tmp_path, g)))
     assert rows.format == kind and rows.first == 0
     if kind == "graspnet":
         return  # below
@@ -90,7 +90,7 @@ def test_poses_and_joints_are_what_the_file_means(kind, tmp_path):
 
 def test_the_files_own_names_and_numbers_are_kept(tmp_path):
     def read(kind):
-        return joined(read_grasps(file_of(kind, tmp_path, grasps(kind))))
+        return join_rows(read_grasps(file_of(kind, tmp_path, grasps(kind))))
 
     net = read("dexgraspnet")
     assert net.joint_names == tuple(grasp_files.SHADOW) and net.object_name == "dexgraspnet_0_0622"
@@ -122,9 +122,9 @@ def test_the_files_own_names_and_numbers_are_kept(tmp_path):
 @pytest.mark.parametrize("kind", [kind for kind in FORMATS if kind != "graspnet"])
 def test_what_is_written_is_read_back_equal(kind, tmp_path):
     g = grasps(kind)
-    rows = joined(read_grasps(file_of(kind, tmp_path, g)))
+    rows = join_rows(read_grasps(file_of(kind, tmp_path, g)))
     first = write_grasps(tmp_path / "again_0_5000", rows)
-    back = joined(read_grasps(first))
+    back = join_rows(read_grasps(first))
     assert back.format == kind
     if kind in ("dexgraspnet", "graspqp"):  # the object is called after the file
         back = dataclasses.replace(back, object_name=rows.object_name)
@@ -133,7 +133,7 @@ def test_what_is_written_is_read_back_equal(kind, tmp_path):
     n = rows.n
     forces, points = np.linspace(-1, 1, 12 * n).reshape(n, 4, 3), np.linspace(0, 0.1, 12 * n).reshape(n, 4, 3)
     second = write_grasps(tmp_path / "newtons_0_5000", rows, forces=forces, points=points, labels={"holds": [True] * n})
-    loaded = joined(read_grasps(second))
+    loaded = join_rows(read_grasps(second))
     np.testing.assert_allclose(loaded.extras["contact_force"].reshape(forces.shape), forces, atol=1e-15)
     np.testing.assert_allclose(loaded.extras["contact_point"], points, atol=1e-15)
     assert loaded.labels["holds"].all()
@@ -144,27 +144,27 @@ def test_what_is_written_is_read_back_equal(kind, tmp_path):
 
 def test_forces_say_their_unit_in_the_formats_own_way(tmp_path):
     g = grasp_files.some_grasps()
-    rows = joined(read_grasps(file_of("bodex", tmp_path, g)))
+    rows = join_rows(read_grasps(file_of("bodex", tmp_path, g)))
     path = write_grasps(tmp_path / "out.npy", rows, forces=g.forces)
     stored = np.load(path, allow_pickle=True).item()
     assert stored["force_unit"] == "N" and stored["force_frame"] == "object"
     assert stored["contact_force"].shape == (1, 5, 1, 4, 3) and stored["robot_pose"].shape == (1, 5, 3, 23)
-    net = joined(read_grasps(file_of("dexgraspnet", tmp_path, grasp_files.some_grasps(d=22))))
+    net = join_rows(read_grasps(file_of("dexgraspnet", tmp_path, grasp_files.some_grasps(d=22))))
     row = np.load(write_grasps(tmp_path / "net.npy", net, forces=g.forces), allow_pickle=True)[3]
     assert row["force_unit"] == "N"
     np.testing.assert_array_equal(row["contact_force"], g.forces[3])
     import h5py
 
-    jaws = joined(read_grasps(file_of("acronym", tmp_path, g)))
+    jaws = join_rows(read_grasps(file_of("acronym", tmp_path, g)))
     with h5py.File(write_grasps(tmp_path / "out.h5", jaws, forces=g.forces)) as h5:
         assert h5["grasps/contact_force"].attrs["force_unit"] == "N"
 
 
 def test_other_formats_can_be_written(tmp_path):
     g = grasp_files.some_grasps()
-    rows = joined(read_grasps(file_of("bodex", tmp_path, g)))
+    rows = join_rows(read_grasps(file_of("bodex", tmp_path, g)))
     for kind in ("graspgen", "acronym", "get_a_grip", "dexgraspnet"):
-        back = joined(read_grasps(write_grasps(tmp_path / "other_0_0800.x", rows, format=kind)))
+        back = join_rows(read_grasps(write_grasps(tmp_path / "other_0_0800.x", rows, format=kind)))
         assert back.format == kind
         np.testing.assert_allclose(back.poses, g.poses, atol=1e-12)
 
@@ -172,14 +172,14 @@ def test_other_formats_can_be_written(tmp_path):
 @pytest.mark.parametrize("kind", ["dexgraspnet", "bodex", "acronym", "graspgen", "graspnet", "isaac"])
 def test_blocks_are_the_same_rows(kind, tmp_path):
     path = file_of(kind, tmp_path, grasp_files.some_grasps(n=7, d=22 if kind == "dexgraspnet" else 16))
-    whole = joined(read_grasps(path))
+    whole = join_rows(read_grasps(path))
     blocks = list(read_grasps(path, block=3))
     assert all(one.n <= 3 for one in blocks)
     assert [one.first for one in blocks] == list(np.cumsum([0, *(one.n for one in blocks)])[:-1])
-    assert_equal(whole, joined(blocks))
+    assert_equal(whole, join_rows(blocks))
     some = list(read_grasps(path, block=3, most=5))
     assert sum(one.n for one in some) == 5
-    np.testing.assert_array_equal(joined(some).poses, whole.poses[:5])
+    np.testing.assert_array_equal(join_rows(some).poses, whole.poses[:5])
     assert not list(read_grasps(path, most=0))
 
 
@@ -235,7 +235,7 @@ def gripper(view, angle):
 
 def test_graspnets_grid_becomes_grippers(tmp_path):
     arrays = grasp_files.graspnet(tmp_path / "003_labels.npz")
-    rows = joined(read_grasps(tmp_path / "003_labels.npz"))
+    rows = join_rows(read_grasps(tmp_path / "003_labels.npz"))
     valid = (arrays["scores"] > 0) & ~arrays["collision"]
     assert rows.n == valid.sum() > 100 and rows.object_name == "003"
     np.testing.assert_allclose(rows.labels["least_friction"], arrays["scores"][valid])
@@ -257,10 +257,10 @@ def test_graspnets_grid_becomes_grippers(tmp_path):
 
 def test_a_grid_is_not_written(tmp_path):
     grasp_files.graspnet(tmp_path / "003_labels.npz")
-    rows = joined(read_grasps(tmp_path / "003_labels.npz", most=3))
+    rows = join_rows(read_grasps(tmp_path / "003_labels.npz", most=3))
     with pytest.raises(InvalidInput, match="grid"):
         write_grasps(tmp_path / "out.npz", rows)
-    back = joined(read_grasps(write_grasps(tmp_path / "out.json", rows, format="graspgen")))
+    back = join_rows(read_grasps(write_grasps(tmp_path / "out.json", rows, format="graspgen")))
     np.testing.assert_allclose(back.poses, rows.poses, atol=1e-12)
 
 
@@ -268,7 +268,7 @@ def test_a_grid_is_not_written(tmp_path):
 
 
 def test_writing_refuses_what_a_format_cannot_hold(tmp_path):
-    net = joined(read_grasps(file_of("dexgraspnet", tmp_path, grasp_files.some_grasps(d=22))))
+    net = join_rows(read_grasps(file_of("dexgraspnet", tmp_path, grasp_files.some_grasps(d=22))))
     cases = {
         "several": dict(format="graspgen"),
         "one grasp a file": dict(format="dexgraspbench"),
@@ -280,11 +280,11 @@ def test_writing_refuses_what_a_format_cannot_hold(tmp_path):
     for message, arguments in cases.items():
         with pytest.raises(InvalidInput, match=message):
             write_grasps(tmp_path / "out", net, **arguments)
-    bench = joined(read_grasps(file_of("dexgraspbench", tmp_path, grasp_files.some_grasps(n=1))))
+    bench = join_rows(read_grasps(file_of("dexgraspbench", tmp_path, grasp_files.some_grasps(n=1))))
     with pytest.raises(InvalidInput, match="names the joints"):
         write_grasps(tmp_path / "out", bench, format="bodex")
     with pytest.raises(InvalidInput, match="of one file"):
-        joined([net, bench])
+        join_rows([net, bench])
     named = dataclasses.replace(bench, joint_names=tuple(f"j{i}" for i in range(bench.q.shape[1])))
     with pytest.raises(InvalidInput, match="no scale"):
         write_grasps(tmp_path / "out", named, format="graspqp")
@@ -307,7 +307,7 @@ def test_the_extra_is_named_where_it_is_missing(tmp_path, monkeypatch):
 def test_pytorch_reads_what_is_written_and_the_other_way_round(tmp_path):
     torch = pytest.importorskip("torch")
     g = grasp_files.some_grasps()
-    rows = joined(read_grasps(file_of("graspqp", tmp_path, g)))
+    rows = join_rows(read_grasps(file_of("graspqp", tmp_path, g)))
     path = write_grasps(tmp_path / "out.dexgrasp.pt", rows, forces=g.forces)
     stored = torch.load(path, weights_only=True)
     np.testing.assert_array_equal(stored["parameters"]["joint_3.0"].numpy(), g.q[:, 3])
@@ -315,7 +315,7 @@ def test_pytorch_reads_what_is_written_and_the_other_way_round(tmp_path):
     tensors = grasp_files.graspqp(g, JOINTS)
     tensors["parameters"] = {name: torch.from_numpy(one).half() for name, one in tensors["parameters"].items()}
     torch.save(tensors, tmp_path / "half.dexgrasp.pt")
-    half = joined(read_grasps(tmp_path / "half.dexgrasp.pt"))
+    half = join_rows(read_grasps(tmp_path / "half.dexgrasp.pt"))
     np.testing.assert_allclose(half.q, g.q, atol=1e-3)
 
 
@@ -356,10 +356,10 @@ def test_the_spellings_of_isaac_grasp_files(more, object_name, hand_name, scale,
     for grasp in document["grasps"].values():
         grasp.pop("confidence")
     (tmp_path / "a.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
-    rows = joined(read_grasps(tmp_path / "a.yaml"))
+    rows = join_rows(read_grasps(tmp_path / "a.yaml"))
     assert (rows.object_name, rows.hand_name, rows.scale.tolist()) == (object_name, hand_name, [scale] * 3)
     np.testing.assert_allclose(rows.poses, g.poses, atol=1e-12)
-    again = joined(read_grasps(write_grasps(tmp_path / "b.yaml", rows)))
+    again = join_rows(read_grasps(write_grasps(tmp_path / "b.yaml", rows)))
     assert again.scale.tolist() == [scale] * 3 and again.object_name == object_name
 
 
@@ -368,6 +368,6 @@ def test_graspgen_files_of_the_published_data_set(tmp_path):
     g = grasp_files.some_grasps(n=4)
     grasps = {"transforms": g.poses.tolist(), "object_in_gripper": [[True], [False], [True], [True]]}
     (tmp_path / "7a321a5d.json").write_text(json.dumps({"object": {"scale": 0.7}, "grasps": grasps}))
-    rows = joined(read_grasps(tmp_path / "7a321a5d.json"))
+    rows = join_rows(read_grasps(tmp_path / "7a321a5d.json"))
     assert rows.object_name == "" and rows.labels["object_in_gripper"].tolist() == [True, False, True, True]
-    assert joined(read_grasps(write_grasps(tmp_path / "b.json", rows))).object_name == ""
+    assert join_rows(read_grasps(write_grasps(tmp_path / "b.json", rows))).object_name == ""

@@ -15,7 +15,7 @@ import numpy as np
 
 from pinograsp.data.files import File
 from pinograsp.data.format import Format, Payload, by_joint
-from pinograsp.data.keys import Keys, as_numbers, stacked
+from pinograsp.data.keys import Keys, as_numbers, stack
 from pinograsp.data.pickled import PickleRefused
 from pinograsp.data.rotations import poses_from_wxyz, wxyz_from_poses
 from pinograsp.data.rows import Draft, GraspRows
@@ -41,10 +41,10 @@ def read(file: File) -> Iterator[Draft]:
     labels, extras = keys.leftovers((), count)
     for name, inner in keys.values.items():
         if name != "parameters" and isinstance(inner, dict) and set(inner) == set(joints) and joints:
-            array = stacked([as_numbers(inner[joint]) for joint in joints], file.source)
+            array = stack([as_numbers(inner[joint]) for joint in joints], file.source)
             if array is not None and array.shape == (len(joints), count):
                 extras[str(name)] = array.T
-    stacked([root[:, 0]] * len(joints), file.source)  # how large they would be
+    stack([root[:, 0]] * len(joints), file.source)  # how large they would be
     columns = [parameters.array(joint, (count,)) for joint in joints]
     draft = Draft(
         poses=poses,
