@@ -709,8 +709,8 @@ two distributions | {case: paper, samples: {count: 3, object.mass: {uniform: [0,
 ends swapped | {case: paper, samples: {count: 3, friction.mu: {uniform: [1, 0.4]}}} | expected the lower end first, got 1, 0.4
 twice | {case: paper, set: {object.mass: 1}, over: {object.mass: [0.5, 1.0]}} | expected every input once, got object.mass under set and over
 unknown case | {case: papper, over: {object.mass: [0.5, 1.0]}} | no case 'papper'
-unknown input | {case: paper, over: {friction.mue: [1]}} | friction.mue: unknown key; 'friction.mue': did you mean 'friction.mu'?
-unknown section of the case | {case: paper, over: {frction.mu: [1]}} | did you mean 'friction.mu'?
+unknown input | {case: paper, over: {friction.mue: [1]}} | friction.mue: unknown key; did you mean 'mu'?
+unknown section of the case | {case: paper, over: {frction.mu: [1]}} | did you mean 'friction'?
 unknown fixed input | {case: paper, set: {object.mas: 1}, over: {object.mass: [0.5, 1.0]}} | did you mean
 no such contact | {case: paper, over: {contacts.3.point_mm: [[0, 0, 0]]}} | 'contacts.3' has no further keys
 a fixed value | {case: paper, set: {friction.mu: -1}, over: {object.mass: [0.5, 1.0]}} | friction.mu: Input should be greater than or equal to 0
@@ -722,7 +722,7 @@ a time too late | {case: paper, what: forces, set: {impact_time: 1.5}, over: {ob
 torque limits | {case: paper, what: forces, set: {impact_time: 0.9, limits.torque_limit: 1}, over: {object.mass: [0.5, 1.0]}} | limits.torque_limit: expected none with what: forces
 unknown hand | {hand: allegro_rigth, object: 'sphere:radius=0.03,mass=0.1', over: {mu: [1]}} | did you mean 'allegro_right'
 unknown field of an object | {hand: allegro_right, object: 'sphere:radius=0.03,mass=0.1', over: {object.radios: [1]}} | did you mean 'radius'
-unknown option | {hand: allegro_right, object: 'sphere:radius=0.03,mass=0.1', over: {wrp: [true]}} | wrp: unknown key; 'wrp': did you mean 'wrap'?
+unknown option | {hand: allegro_right, object: 'sphere:radius=0.03,mass=0.1', over: {wrp: [true]}} | wrp: unknown key; did you mean 'wrap'?
 a folder | {case: paper, over: {object.mass: [0.5, 1.0]}, folder: /} | folder: unknown key
 """
 MANY = {f"contacts.{i}.point_mm.{j}": {"from": 0, "to": 1, "steps": 9} for i in range(3) for j in range(3)}
