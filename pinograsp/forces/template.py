@@ -52,26 +52,22 @@ class Template:
         friction, (d, k), m = self.matrices.friction, self.q.shape, self.matrices.rows
         widths = np.ones((k, d))
         widths[:, :-1] = problem.friction.scale(problem.mu)
-        return core.load().Grasp(
-            k=k,
-            m=m,
-            r=len(self.order),
-            d=d,
-            round=friction.round_dimensions,
-            separates=self.matrices.separates,
-            facets=np.ascontiguousarray(friction.facets, dtype=float),
-            vertices=np.array(friction.vertices) if friction.polyhedral else np.zeros((0, 2)),
-            B=self._rows,
-            P=self.P,
-            q=self.q,
-            R_lo=self.R_lo,
-            R_hi=self.R_hi,
-            correction=np.ascontiguousarray(self.matrices.correction.reshape(k, d, m).transpose(1, 0, 2)),
-            widths=np.ascontiguousarray(widths.T),
-            grasp_matrix=np.ascontiguousarray(problem.contacts.G),
-            normals=np.ascontiguousarray(problem.contacts.rotations_oc[:, :, 2]),
-            constant=self.matrices.constant,
-            largest=float(np.einsum("jjk->jk", self.P).max()),
-            arm=problem.moment_length,
-            near=TOLERANCE.active,
-        )
+        setup = core.load().GraspSetup()
+        setup.k, setup.m, setup.r = k, m, len(self.order)
+        setup.d, setup.round, setup.separates = d, friction.round_dimensions, self.matrices.separates
+        setup.facets = np.ascontiguousarray(friction.facets, dtype=float)
+        setup.vertices = np.array(friction.vertices) if friction.polyhedral else np.zeros((0, 2))
+        setup.B = self._rows
+        setup.P = self.P
+        setup.q = self.q
+        setup.R_lo = self.R_lo
+        setup.R_hi = self.R_hi
+        setup.correction = np.ascontiguousarray(self.matrices.correction.reshape(k, d, m).transpose(1, 0, 2))
+        setup.widths = np.ascontiguousarray(widths.T)
+        setup.grasp_matrix = np.ascontiguousarray(problem.contacts.G)
+        setup.normals = np.ascontiguousarray(problem.contacts.rotations_oc[:, :, 2])
+        setup.constant = self.matrices.constant
+        setup.largest = float(np.einsum("jjk->jk", self.P).max())
+        setup.arm = problem.moment_length
+        setup.near = TOLERANCE.active
+        return core.load().Grasp(setup)

@@ -13,7 +13,10 @@ from pinograsp.checks import mapping_of, one_line, path_of
 from pinograsp.errors import InvalidInput
 from pinograsp.writing.files import write_file
 
-_FIELDS = ("components", "round", "torsion", "arm", "safety", "ramp", "most_rate", "most_steps", "joints", "borne")
+_FIELDS = (
+    *("components", "round", "torsion", "arm", "safety", "ramp", "most_rate", "most_steps", "joints", "couplings"),
+    "borne",
+)
 _ARRAYS = ("com", "points", "rotations", "mu", "least", "largest", "torque_limit", "jacobian", "gravity", "load")
 _INPUTS = ("points", "rotations", "mu", "least", "largest", "torque_limit", "com")
 
@@ -93,14 +96,12 @@ def _header(constants: Mapping[str, Any], name: str) -> str:
     lines += ["", "// A loop of its own, ready for the first tick.", "inline auto make_loop() {"]
     lines += ["    pinograsp::core::OnlineSetup setup;", "    setup.contacts = contacts;"]
     lines += [f"    setup.{key} = {_number(constants[key])};" for key in _FIELDS]
-    lines.append(f"    setup.moments = {'true' if constants['rows'] == 6 else 'false'};")
+    lines.append(f"    setup.moments = {'true' if constants['moments'] else 'false'};")
     links = ", ".join("{" + ", ".join(map(str, link)) + "}" for link in constants["links"])
     lines.append(f"    setup.links = {{{links}}};")
     lines.append(f"    setup.limited = {{{', '.join(map(str, constants['limited']))}}};")
-    lines.append(f"    setup.couplings = {len(constants['coupled'])};")
-    rows = ", ".join(_number(float(v)) for v in _flat(constants["couplings"]))
-    lines.append(f"    setup.coupling_rows = {{{rows}}};")
-    lines.append(f"    setup.coupled = {{{', '.join(_number(v) for v in constants['coupled'])}}};")
+    for key in ("coupling_rows", "coupled"):
+        lines.append(f"    setup.{key} = {{{', '.join(_number(float(v)) for v in _flat(constants[key]))}}};")
     lines.append("    auto loop = pinograsp::core::make_online(setup);")
     for key in _INPUTS:
         if key in arrays:

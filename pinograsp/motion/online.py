@@ -132,10 +132,13 @@ class OnlineForces:
             "ramp": min(1.0, self.period / ramp) if ramp else 1.0,
             "most_steps": integer("most steps", max_steps, at_least=1, at_most=10_000),
             "most_rate": rate,
-            "links": links,
+            "links": links.tolist(),
         }
         try:
-            self._loop = loop = core.load().Loop(**self._setup)
+            setup = core.load().OnlineSetup()
+            for name, value in self._setup.items():
+                setattr(setup, name, value)
+            self._loop = loop = core.load().Loop(setup)
         except ValueError as error:  # the core's own limits of sizes; the message names the field
             value = shown(self._setup.get(str(error)))
             raise InvalidInput(f"OnlineForces: expected a {error} of usual size, got {value}") from None
@@ -163,14 +166,15 @@ class OnlineForces:
             "contacts": problem.k,
             "components": friction.d,
             "round": friction.round_dimensions,
-            "rows": problem.rows,
+            "moments": problem.rows == 6,
             "torsion": friction.torsion,
             "arm": problem.moment_length,
             "safety": friction.safety,
             "joints": 0 if self.hand is None else self.hand.n,
             "limited": [] if torques is None else np.flatnonzero(torques.limited).tolist(),
-            "couplings": np.zeros((0, 0)) if under is None else np.array(under.rows, dtype=float),
-            "coupled": [] if under is None else np.asarray(under.torques).tolist(),
+            "couplings": 0 if under is None else len(under.rows),
+            "coupling_rows": np.zeros((0, 0)) if under is None else np.array(under.rows, dtype=float),
+            "coupled": np.zeros(0) if under is None else np.array(under.torques, dtype=float),
             "borne": 0.0 if under is None else float(under.friction),
         }
 

@@ -795,11 +795,20 @@ struct Case {
         }
         correction = pseudoinverse(B.data(), m, n);
         cost(bytes, compare);
+        const GraspSetup fair = setup();
         if (garbage && bytes.once_in(2)) {
             Numbers* parts[] = {&B, &P, &q, &R_lo, &R_hi, &correction, &widths, &terms};
             bytes.spoil(*parts[bytes.below(8)]);
         }
-        make();
+        const GraspSetup spoilt = setup();
+        forces = make_forces(spoilt);
+        if ((forces == nullptr) != (fault_of(spoilt) != nullptr)) fail("a fault that is none, or one that is not told");
+        if (forces == nullptr) {
+            ++refused;
+            forces = make_forces(fair);
+        }
+        // Of numbers that are none there is no grasp to be solved.
+        if (forces == nullptr && !garbage) fail("no grasp: %s", fault_of(fair));
     }
 
     // The objective: squares of the forces, or of combinations of a contact's own, and powers of F_n.
@@ -837,31 +846,28 @@ struct Case {
         }
     }
 
-    void make() {
-        GraspData data;
-        data.k = grasp.k;
-        data.m = grasp.rows();
-        data.r = r;
-        data.friction.d = grasp.model.d;
-        data.friction.round = grasp.model.round;
-        if (!grasp.model.round) data.friction.radii[0] = data.friction.radii[1] = std::sqrt(0.5);
-        data.friction.facets = static_cast<int>(C.size()) / (grasp.model.d - 1);
-        data.friction.C = C.data();
-        data.friction.corners = static_cast<int>(vertices.size()) / 2;
-        data.friction.vertices = vertices.data();
-        data.separates = separates;
-        data.B = B.data();
-        data.P = P.data();
-        data.q = q.data();
-        data.R_lo = R_lo.data();
-        data.R_hi = R_hi.data();
-        data.correction = correction.data();
-        data.widths = widths.data();
-        data.grasp_matrix = matrix.data();
-        data.normals = normals.data();
-        for (double one : P) data.largest = std::max(data.largest, one);
-        data.arm = grasp.arm;
-        forces = std::make_unique<Forces>(data);
+    GraspSetup setup() const {
+        GraspSetup setup;
+        setup.k = grasp.k;
+        setup.m = grasp.rows();
+        setup.r = r;
+        setup.d = grasp.model.d;
+        setup.round = grasp.model.round;
+        setup.separates = separates;
+        setup.facets = C;
+        setup.vertices = vertices;
+        setup.B = B;
+        setup.P = P;
+        setup.q = q;
+        setup.R_lo = R_lo;
+        setup.R_hi = R_hi;
+        setup.correction = correction;
+        setup.widths = widths;
+        setup.grasp_matrix = matrix;
+        setup.normals = normals;
+        for (double one : P) setup.largest = std::max(setup.largest, one);
+        setup.arm = grasp.arm;
+        return setup;
     }
 };
 
@@ -1141,6 +1147,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         const bool compare = entry >= 9;
         Case own(bytes, compare);
         place = std::string(compare ? "comparison, " : "forces, ") + kinds[int(own.grasp.kind)];
+        if (own.forces == nullptr) return 0;
         answer_case(own, compare);
         solve_case(bytes, own);
     } else if (entry < 15) {

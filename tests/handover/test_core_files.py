@@ -48,7 +48,7 @@ def test_constants_as_json(plan, tmp_path):
     )
     assert np.array(told["points"]) + told["com"] == pytest.approx(plan.problem.contacts.points_o)
     assert np.shape(told["rotations"]) == (3, 3, 3) and told["mu"] == [0.7] * 3
-    assert (told["most_rate"], told["ramp"], told["period"], told["rows"]) == (0.2, 0.01, 1e-3, 6)
+    assert (told["most_rate"], told["ramp"], told["period"], told["moments"]) == (0.2, 0.01, 1e-3, True)
     assert told["load"] == plan.problem.load.tolist() and len(told["jacobian"]) == len(told["gravity"]) == plan.hand.n
     assert json.loads(plan.to_core(path).read_text())["most_rate"] is None
 

@@ -1,9 +1,11 @@
 // The core for Python: arrays in, arrays out. Compiled once for each kind of processor, a module each.
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/unique_ptr.h>
 #include <nanobind/stl/vector.h>
 
@@ -56,44 +58,10 @@ void need_terms(const Numbers& terms) {
 
 // -- one problem ------------------------------------------------------------------------------------------------------
 
-std::unique_ptr<Forces> make_forces(int k, int m, int r, int d, int round, bool separates, Numbers facets,
-                                    Numbers vertices, Numbers B, Numbers P, Numbers q, Numbers R_lo, Numbers R_hi,
-                                    Numbers correction, Numbers widths, Numbers grasp_matrix, Numbers normals,
-                                    double constant, double largest, double arm, double near) {
-    need(k > 0 && (m == 3 || m == 6) && r >= 0 && has_shape(d, round), "sizes of a grasp");
-    const std::size_t n = static_cast<std::size_t>(d) * k, rows = static_cast<std::size_t>(m) + r;
-    need(facets.size() % (d - 1) == 0, "facets");
-    need(vertices.size() % 2 == 0 && (round > 0 || vertices.size() > 0), "vertices");
-    need_number(constant, false, "constant");
-    need_number(largest, false, "largest");
-    need_number(arm, true, "arm");
-    need_number(near, false, "near");
-    GraspData data;
-    data.k = k;
-    data.m = m;
-    data.r = r;
-    data.friction.d = d;
-    data.friction.round = round;
-    data.friction.facets = static_cast<int>(facets.size()) / (d - 1);
-    data.friction.C = finite(facets, facets.size(), "facets");
-    data.friction.corners = static_cast<int>(vertices.size()) / 2;
-    data.friction.vertices = finite(vertices, vertices.size(), "vertices");
-    data.separates = separates;
-    data.B = finite(B, rows * n, "B");
-    data.P = finite(P, d * n, "P");
-    data.q = finite(q, n, "q");
-    data.R_lo = sized(R_lo, r, "R_lo");
-    data.R_hi = sized(R_hi, r, "R_hi");
-    for (int i = 0; i < r; ++i) need(data.R_lo[i] <= data.R_hi[i], "R_lo, R_hi");
-    data.correction = finite(correction, n * m, "correction");
-    data.widths = finite(widths, n, "widths");
-    data.grasp_matrix = finite(grasp_matrix, 18 * static_cast<std::size_t>(k), "grasp_matrix");
-    data.normals = finite(normals, 3 * static_cast<std::size_t>(k), "normals");
-    data.constant = constant;
-    data.largest = largest;
-    data.arm = arm;
-    data.near = near;
-    return std::make_unique<Forces>(data);
+std::unique_ptr<Forces> grasp_from(const GraspSetup& setup) {
+    auto forces = make_forces(setup);
+    need(forces != nullptr, fault_of(setup));
+    return forces;
 }
 
 // A problem of the grasp's rows that was made elsewhere; its arrays stay those of the caller.
@@ -178,42 +146,12 @@ struct Prepared {
 
 // -- tick by tick -----------------------------------------------------------------------------------------------------
 
-constexpr int most_index = 1 << 24;  // of contacts, joints and columns
-
 class Loop {
 public:
-    Loop(int contacts, int components, int round, int rows, double torsion, double arm, double safety, double ramp,
-         int most_steps, double most_rate, int joints, Indices links, std::vector<int> limited, Numbers couplings,
-         std::vector<double> coupled, double borne) {
-        OnlineSetup setup;
-        setup.contacts = contacts;
-        setup.components = components;
-        setup.round = round;
-        setup.moments = rows == 6;
-        setup.torsion = torsion;
-        setup.arm = arm;
-        setup.safety = safety;
-        setup.ramp = ramp;
-        setup.most_steps = most_steps;
-        setup.most_rate = most_rate;
-        setup.joints = joints;
-        for (std::size_t i = 0; i + 2 < links.size(); i += 3) {
-            const std::int64_t* one = links.data() + i;
-            for (int c = 0; c < 3; ++c) need(one[c] >= 0 && one[c] <= most_index, "links");
-            setup.links.push_back({static_cast<int>(one[0]), static_cast<int>(one[1]), static_cast<int>(one[2])});
-            columns_ = std::max(columns_, static_cast<std::size_t>(one[1]) + 1);
-        }
-        setup.limited = std::move(limited);
-        setup.couplings = static_cast<int>(coupled.size());
-        setup.coupling_rows.assign(couplings.data(), couplings.data() + couplings.size());
-        setup.coupled = std::move(coupled);
-        setup.borne = borne;
-        need(links.size() % 3 == 0, "links");
-        need(contacts <= most_index && joints <= most_index && coupled.size() <= most_index, "sizes of a loop");
-        const char* fault = fault_of(setup);
-        need(fault == nullptr, fault);
-        online = make_online(setup);
-        gravity_.assign(joints, 0.0);
+    explicit Loop(const OnlineSetup& setup) : online(make_online(setup)) {
+        need(online != nullptr, fault_of(setup));
+        for (const Link& link : setup.links) columns_ = std::max(columns_, static_cast<std::size_t>(link.column) + 1);
+        gravity_.assign(setup.joints, 0.0);
         online->gravity = gravity_.data();
     }
 
@@ -288,7 +226,7 @@ struct BoxOf final : Box {
 };
 
 std::unique_ptr<Box> make_box(Numbers H, double eps, Numbers fixed, Numbers row) {
-    need(H.ndim() == 2 && (H.shape(0) == 3 || H.shape(0) == 6) && H.shape(1) > 0 && H.shape(1) <= most_index, "H");
+    need(H.ndim() == 2 && (H.shape(0) == 3 || H.shape(0) == 6) && H.shape(1) > 0 && H.shape(1) <= most_contacts, "H");
     const int m = static_cast<int>(H.shape(0)), n = static_cast<int>(H.shape(1));
     finite(H, H.size(), "H");
     finite(fixed, m, "fixed");
@@ -305,7 +243,7 @@ void batch(std::int64_t start, std::int64_t stop, int components, int round, int
            Numbers arms, Numbers terms, Written forces, Written moments, Written objective, Written lower_bound,
            Written residual, Written violation, nb::ndarray<std::int64_t, nb::c_contig, nb::device::cpu> codes) {
     const std::size_t n = counts.size(), k = n ? mu.size() / n : 0;
-    need(k > 0 && k <= most_index && start >= 0 && start <= stop && stop <= static_cast<std::int64_t>(n) &&
+    need(k > 0 && k <= most_contacts && start >= 0 && start <= stop && stop <= static_cast<std::int64_t>(n) &&
              has_shape(components, round) && (rows == 3 || rows == 6),
          "problems");
     need_number(torsion, false, "torsion");
@@ -338,6 +276,16 @@ void batch(std::int64_t start, std::int64_t stop, int components, int round, int
     solve_batch(own, components, round, start, stop, results);
 }
 
+// A field of numbers: an array of any shape goes in, row by row.
+template <class Setup>
+void array_of(nb::class_<Setup>& record, const char* name, std::vector<double> Setup::* field) {
+    record.def_prop_rw(
+        name, [field](const Setup& own) { return own.*field; },
+        [field](Setup& own, const Numbers& values) {
+            (own.*field).assign(values.data(), values.data() + values.size());
+        });
+}
+
 // The best of the modules that this processor runs.
 const char* best_level() {
 #ifdef PINOGRASP_CORE_X86_64
@@ -356,10 +304,31 @@ const char* best_level() {
 NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     m.attr("width") = width;
     m.def("best_level", &best_level);
+    nb::class_<GraspSetup> grasp_setup(m, "GraspSetup");
+    grasp_setup.def(nb::init<>())
+        .def_rw("k", &GraspSetup::k)
+        .def_rw("m", &GraspSetup::m)
+        .def_rw("r", &GraspSetup::r)
+        .def_rw("d", &GraspSetup::d)
+        .def_rw("round", &GraspSetup::round)
+        .def_rw("separates", &GraspSetup::separates)
+        .def_rw("constant", &GraspSetup::constant)
+        .def_rw("largest", &GraspSetup::largest)
+        .def_rw("arm", &GraspSetup::arm)
+        .def_rw("near", &GraspSetup::near);
+    array_of(grasp_setup, "facets", &GraspSetup::facets);
+    array_of(grasp_setup, "vertices", &GraspSetup::vertices);
+    array_of(grasp_setup, "B", &GraspSetup::B);
+    array_of(grasp_setup, "P", &GraspSetup::P);
+    array_of(grasp_setup, "q", &GraspSetup::q);
+    array_of(grasp_setup, "R_lo", &GraspSetup::R_lo);
+    array_of(grasp_setup, "R_hi", &GraspSetup::R_hi);
+    array_of(grasp_setup, "correction", &GraspSetup::correction);
+    array_of(grasp_setup, "widths", &GraspSetup::widths);
+    array_of(grasp_setup, "grasp_matrix", &GraspSetup::grasp_matrix);
+    array_of(grasp_setup, "normals", &GraspSetup::normals);
     nb::class_<Forces>(m, "Grasp")
-        .def(nb::new_(&make_forces), nb::kw_only(), "k"_a, "m"_a, "r"_a, "d"_a, "round"_a, "separates"_a, "facets"_a,
-             "vertices"_a, "B"_a, "P"_a, "q"_a, "R_lo"_a, "R_hi"_a, "correction"_a, "widths"_a, "grasp_matrix"_a,
-             "normals"_a, "constant"_a, "largest"_a, "arm"_a, "near"_a)
+        .def(nb::new_(&grasp_from), "setup"_a)
         .def("bounds", &bounds, "b"_a, "lo"_a, "hi"_a, "R_lo"_a, "R_hi"_a, "P"_a, "q"_a, "terms"_a, "x"_a, "y"_a)
         .def("answer", &answer, "newton"_a, "b"_a, "lo"_a, "hi"_a, "R_lo"_a, "R_hi"_a, "P"_a, "q"_a, "terms"_a);
     nb::class_<Prepared>(m, "Prepared")
@@ -367,12 +336,37 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
              "newton"_a, "least"_a, "greatest"_a, "terms"_a, nb::kw_only(), "residual"_a, "violation"_a, "gap"_a,
              "vanishing"_a, "negligible"_a)
         .def("solve", &Prepared::solve, "load"_a.noconvert(), "numbers"_a, "active"_a);
+    nb::class_<OnlineSetup> online_setup(m, "OnlineSetup");
+    online_setup.def(nb::init<>())
+        .def_rw("contacts", &OnlineSetup::contacts)
+        .def_rw("components", &OnlineSetup::components)
+        .def_rw("round", &OnlineSetup::round)
+        .def_rw("moments", &OnlineSetup::moments)
+        .def_rw("torsion", &OnlineSetup::torsion)
+        .def_rw("arm", &OnlineSetup::arm)
+        .def_rw("safety", &OnlineSetup::safety)
+        .def_rw("ramp", &OnlineSetup::ramp)
+        .def_rw("most_rate", &OnlineSetup::most_rate)
+        .def_rw("most_steps", &OnlineSetup::most_steps)
+        .def_rw("joints", &OnlineSetup::joints)
+        .def_rw("limited", &OnlineSetup::limited)
+        .def_rw("couplings", &OnlineSetup::couplings)
+        .def_rw("borne", &OnlineSetup::borne)
+        .def_prop_rw(
+            "links",
+            [](const OnlineSetup& setup) {
+                std::vector<std::array<int, 3>> found;
+                for (const Link& link : setup.links) found.push_back({link.contact, link.column, link.joint});
+                return found;
+            },
+            [](OnlineSetup& setup, const std::vector<std::array<int, 3>>& links) {
+                setup.links.clear();
+                for (const auto& link : links) setup.links.push_back({link[0], link[1], link[2]});
+            });
+    array_of(online_setup, "coupling_rows", &OnlineSetup::coupling_rows);
+    array_of(online_setup, "coupled", &OnlineSetup::coupled);
     nb::class_<Loop> loop(m, "Loop");
-    loop.def(nb::init<int, int, int, int, double, double, double, double, int, double, int, Indices, std::vector<int>,
-                      Numbers, std::vector<double>, double>(),
-             nb::kw_only(), "contacts"_a, "components"_a, "round"_a, "rows"_a, "torsion"_a, "arm"_a, "safety"_a,
-             "ramp"_a, "most_steps"_a, "most_rate"_a, "joints"_a, "links"_a, "limited"_a, "couplings"_a, "coupled"_a,
-             "borne"_a)
+    loop.def(nb::init<const OnlineSetup&>(), "setup"_a)
         .def("step", &Loop::step, "load"_a.noconvert())
         .def("hand", &Loop::hand, "jacobian"_a, "gravity"_a)
         .def("gravity", &Loop::gravity, "values"_a)

@@ -1,9 +1,12 @@
 // One force problem after the other of the same grasp: solve it, check the answer, and write out what its record holds.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <initializer_list>
 #include <memory>
+#include <vector>
 
 #include "bounds.hpp"
 #include "columns.hpp"
@@ -90,23 +93,65 @@ inline std::unique_ptr<Separable> make_separable(int d, int round, int k) {
     });
 }
 
-// What does not depend on the load; arrays are copied. In newtons: objective 1/2 x'Px + q'x + constant.
-struct GraspData {
-    int k = 0, m = 6, r = 0;  // contacts, rows of the balance, torque rows
-    Friction friction;
-    bool separates = false;                         // the dual Newton method takes it
-    const double* B = nullptr;                      // balance, then torque rows (m + r, d k), by component
-    const double* P = nullptr;                      // (d, d, k)
-    const double* q = nullptr;                      // (d k)
-    const double *R_lo = nullptr, *R_hi = nullptr;  // (r)
-    const double* correction = nullptr;             // pseudoinverse of the balance (d k, m)
-    const double* widths = nullptr;                 // component over force in the contact's axes (d k)
-    const double* grasp_matrix = nullptr;           // contact forces to wrench (6, 3 k)
-    const double* normals = nullptr;                // of the contacts, world axes (k, 3)
-    double constant = 0.0, largest = 0.0;           // of the objective; the largest diagonal entry of P
-    double arm = 1.0;                               // moments are divided by it [m]
-    double near = 1e-6;                             // relative margin of active limits
+// What a grasp's problems are set up with: all that does not depend on the load. In newtons: objective
+// 1/2 x'Px + q'x + constant.
+struct GraspSetup {
+    int k = 0, m = 6, r = 0;           // contacts, rows of the balance (3 or 6), torque rows
+    int d = 3, round = 2;              // components of a force, and those of them in a cone
+    bool separates = false;            // the dual Newton method takes it
+    std::vector<double> facets;        // of a polyhedral cone (facets, d - 1)
+    std::vector<double> vertices;      // of its polygon, where `round` is 0 (corners, 2)
+    std::vector<double> B;             // balance, then torque rows (m + r, d k), by component
+    std::vector<double> P;             // (d, d, k)
+    std::vector<double> q;             // (d k)
+    std::vector<double> R_lo, R_hi;    // (r)
+    std::vector<double> correction;    // pseudoinverse of the balance (d k, m)
+    std::vector<double> widths;        // component over force in the contact's axes (d k)
+    std::vector<double> grasp_matrix;  // contact forces to wrench (6, 3 k)
+    std::vector<double> normals;       // of the contacts, world axes (k, 3)
+    double constant = 0.0;             // of the objective
+    double largest = 0.0;              // diagonal entry of P
+    double arm = 1.0;                  // moments are divided by it [m]
+    double near = 1e-6;                // relative margin of active limits
 };
+
+// What no grasp can be set up with: the name of the first such field; none (nullptr) where all can be used.
+inline const char* fault_of(const GraspSetup& setup) {
+    if (setup.k < 1 || setup.k > most_contacts) return "k";
+    if (setup.m != 3 && setup.m != 6) return "m";
+    if (setup.r < 0 || setup.r > most_contacts) return "r";
+    if (!has_shape(setup.d, setup.round)) return "d, round";
+    const std::size_t k = setup.k, m = setup.m, r = setup.r, d = setup.d, n = d * k;
+    if (setup.facets.size() % (d - 1) != 0) return "facets";
+    if (setup.vertices.size() % 2 != 0 || (setup.round == 0 && setup.vertices.empty())) return "vertices";
+    const struct {
+        const char* name;
+        const std::vector<double>& values;
+        std::size_t size;
+    } arrays[] = {{"facets", setup.facets, setup.facets.size()},
+                  {"vertices", setup.vertices, setup.vertices.size()},
+                  {"B", setup.B, (m + r) * n},
+                  {"P", setup.P, d * n},
+                  {"q", setup.q, n},
+                  {"correction", setup.correction, n * m},
+                  {"widths", setup.widths, n},
+                  {"grasp_matrix", setup.grasp_matrix, 18 * k},
+                  {"normals", setup.normals, 3 * k}};
+    const auto finite = [](double one) { return std::isfinite(one); };
+    for (const auto& one : arrays)
+        if (one.values.size() != one.size || !std::all_of(one.values.begin(), one.values.end(), finite))
+            return one.name;
+    if (setup.R_lo.size() != r) return "R_lo";
+    if (setup.R_hi.size() != r) return "R_hi";
+    for (std::size_t i = 0; i < r; ++i)
+        if (!(setup.R_lo[i] <= setup.R_hi[i])) return "R_lo, R_hi";
+    const auto is_size = [](double one) { return std::isfinite(one) && one >= 0.0; };
+    if (!is_size(setup.constant)) return "constant";
+    if (!is_size(setup.largest)) return "largest";
+    if (!is_size(setup.arm) || setup.arm == 0.0) return "arm";
+    if (!is_size(setup.near)) return "near";
+    return nullptr;
+}
 
 // An answer with its checks, dimensionless.
 struct Checked {
@@ -165,31 +210,28 @@ struct Record {
 
 class Forces {
 public:
-    explicit Forces(const GraspData& data)
-        : k_(data.k),
-          d_(data.friction.d),
-          m_(data.m),
-          r_(data.r),
-          data_(data),
-          interior_(d_, data.friction.round, data.friction.facets, k_, m_, r_) {
+    // Of a set-up without a fault, see `fault_of`.
+    explicit Forces(const GraspSetup& setup)
+        : k_(setup.k),
+          d_(setup.d),
+          m_(setup.m),
+          r_(setup.r),
+          setup_(setup),
+          interior_(d_, setup.round, static_cast<int>(setup.facets.size()) / (d_ - 1), k_, m_, r_) {
         const std::size_t n = d_ * k_;
-        data_.B = memory_.copy(data.B, (m_ + r_) * n);
-        data_.P = memory_.copy(data.P, d_ * n);
-        data_.q = memory_.copy(data.q, n);
-        data_.R_lo = memory_.copy(data.R_lo, r_);
-        data_.R_hi = memory_.copy(data.R_hi, r_);
-        data_.correction = memory_.copy(data.correction, n * m_);
-        data_.widths = memory_.copy(data.widths, n);
-        data_.grasp_matrix = memory_.copy(data.grasp_matrix, 18 * k_);
-        data_.normals = memory_.copy(data.normals, 3 * k_);
-        data_.friction.C = memory_.copy(data.friction.C, data.friction.facets * (d_ - 1));
-        data_.friction.vertices = memory_.copy(data.friction.vertices, 2 * data.friction.corners);
+        B_ = memory_.copy(setup_.B.data(), setup_.B.size());
+        friction_.d = d_;
+        friction_.round = setup_.round;
+        friction_.facets = static_cast<int>(setup_.facets.size()) / (d_ - 1);
+        friction_.C = memory_.copy(setup_.facets.data(), setup_.facets.size());
+        friction_.corners = static_cast<int>(setup_.vertices.size()) / 2;
+        friction_.vertices = memory_.copy(setup_.vertices.data(), setup_.vertices.size());
         P_ = memory_.part<double>(d_ * n);
         for (double** own : {&q_, &x_}) *own = memory_.part<double>(n);
         for (double** own : {&lo_, &hi_, &gauge_}) *own = memory_.part<double>(k_);
         for (double** own : {&R_lo_, &R_hi_}) *own = memory_.part<double>(r_);
         y_ = memory_.part<double>(m_ + r_);
-        if (data.separates && r_ == 0) separable_ = make_separable(d_, data.friction.round, k_);
+        if (setup_.separates && r_ == 0) separable_ = make_separable(d_, setup_.round, k_);
     }
 
     int contacts() const { return k_; }
@@ -204,8 +246,8 @@ public:
         found.k = k_;
         found.m = m_;
         found.r = r_;
-        found.friction = data_.friction;
-        found.B = data_.B;
+        found.friction = friction_;
+        found.B = B_;
         found.b = b;
         found.lo = lo;
         found.hi = hi;
@@ -245,7 +287,7 @@ public:
         Outcome out;
         double square = 0.0, b[6];
         for (int r = 0; r < m_; ++r) {
-            b[r] = r < 3 ? -load[r] : -load[r] / data_.arm;
+            b[r] = r < 3 ? -load[r] : -load[r] / setup_.arm;
             square += b[r] * b[r];
         }
         double scale = std::sqrt(square);
@@ -256,7 +298,7 @@ public:
             if (!(hi_[i] - lo_[i] > 1e-9 * hi_[i])) return out;
         }
         for (int r = 0; r < m_; ++r) b[r] /= scale;
-        double unit = 0.5 * data_.largest * scale * scale;
+        double unit = 0.5 * setup_.largest * scale * scale;
         for (int a = 0; a < t; ++a) unit = max(unit, terms[2 * a] * std::pow(scale, terms[2 * a + 1]));
         if (!(unit > 0.0)) unit = 1.0;
         scale_to(scale, unit);
@@ -266,7 +308,7 @@ public:
         if (out.checked.code != Code::converged) return out;
         out.scale = scale;
         out.unit = unit;
-        out.constant = data_.constant / unit;
+        out.constant = setup_.constant / unit;
         for (int i = 0; i < k_; ++i) out.most = max(out.most, x_[(d_ - 1) * k_ + i]);
         for (int r = 0; r < m_; ++r) (r < 3 ? out.force : out.moment) += residual_[r] * residual_[r];
         out.force = std::sqrt(out.force);
@@ -281,20 +323,22 @@ private:
     static constexpr double sharp = 1e-9;
 
     int k_, d_, m_, r_;
-    GraspData data_;
+    const GraspSetup setup_;
+    Friction friction_;
     Interior interior_;
     Memory memory_;
     std::unique_ptr<Separable> separable_;
+    const double* B_;
     double *P_, *q_, *x_, *lo_, *hi_, *gauge_, *R_lo_, *R_hi_, *y_, residual_[6] = {};
 
     // Objective and torque rows over these.
     void scale_to(double scale, double unit) {
         const double heavy = scale * scale / unit, light = scale / unit;
-        for (int l = 0; l < d_ * d_ * k_; ++l) P_[l] = data_.P[l] * heavy;
-        for (int l = 0; l < d_ * k_; ++l) q_[l] = data_.q[l] * light;
+        for (int l = 0; l < d_ * d_ * k_; ++l) P_[l] = setup_.P[l] * heavy;
+        for (int l = 0; l < d_ * k_; ++l) q_[l] = setup_.q[l] * light;
         for (int h = 0; h < r_; ++h) {
-            R_lo_[h] = data_.R_lo[h] / scale;
-            R_hi_[h] = data_.R_hi[h] / scale;
+            R_lo_[h] = setup_.R_lo[h] / scale;
+            R_hi_[h] = setup_.R_hi[h] / scale;
         }
     }
 
@@ -311,7 +355,7 @@ private:
             }
             if (again || square <= 1e-26) return;
             for (int l = 0; l < n; ++l)
-                for (int r = 0; r < m_; ++r) x_[l] -= data_.correction[l * m_ + r] * residual_[r];
+                for (int r = 0; r < m_; ++r) x_[l] -= setup_.correction[l * m_ + r] * residual_[r];
         }
     }
 
@@ -350,18 +394,18 @@ private:
             double* f = record.forces + 3 * i;
             for (int c = 0; c < 3; ++c) {
                 const int l = (c == 2 ? d_ - 1 : c) * k_ + i;
-                f[c] = x_[l] * scale * data_.widths[l];
+                f[c] = x_[l] * scale * setup_.widths[l];
             }
-            record.torsion[i] = d_ == 4 ? x_[2 * k_ + i] * scale * data_.widths[2 * k_ + i] : 0.0;
-            for (int c = 0; c < 3; ++c) record.wrench[3 + c] += record.torsion[i] * data_.normals[3 * i + c];
+            record.torsion[i] = d_ == 4 ? x_[2 * k_ + i] * scale * setup_.widths[2 * k_ + i] : 0.0;
+            for (int c = 0; c < 3; ++c) record.wrench[3 + c] += record.torsion[i] * setup_.normals[3 * i + c];
             for (int r = 0; r < 6; ++r)
-                for (int c = 0; c < 3; ++c) record.wrench[r] += data_.grasp_matrix[(r * k_ + i) * 3 + c] * f[c];
+                for (int c = 0; c < 3; ++c) record.wrench[r] += setup_.grasp_matrix[(r * k_ + i) * 3 + c] * f[c];
         }
     }
 
     // Which limits are active.
     void write_active(const Problem& problem, const Record& record) const {
-        const double near = data_.near;
+        const double near = setup_.near;
         const int n = d_ * k_;
         for (int i = 0; i < k_; ++i) {
             const double F = x_[(d_ - 1) * k_ + i];
@@ -376,6 +420,11 @@ private:
         }
     }
 };
+
+// The problems of a grasp; none (nullptr) where the set-up has a fault, see `fault_of`.
+inline std::unique_ptr<Forces> make_forces(const GraspSetup& setup) {
+    return fault_of(setup) == nullptr ? std::make_unique<Forces>(setup) : nullptr;
+}
 
 }  // namespace PINOGRASP_CORE_LEVEL
 }  // namespace pinograsp::core

@@ -46,7 +46,7 @@ inline const char* fault_of(const OnlineSetup& setup) {
     // Lengths, shares and factors of usual sizes: computations neither overflow nor lose all digits.
     const auto positive = [](double one) { return one >= 1e-9 && one <= 1e9; };
     const auto is_joint = [&](int one) { return one >= 0 && one < setup.joints; };
-    if (setup.contacts < 1) return "contacts";
+    if (setup.contacts < 1 || setup.contacts > most_contacts) return "contacts";
     if (!has_shape(setup.components, setup.round)) return "components, round";
     if (!(setup.torsion == 0.0 || positive(setup.torsion))) return "torsion";
     if (!positive(setup.arm)) return "arm";
@@ -54,10 +54,11 @@ inline const char* fault_of(const OnlineSetup& setup) {
     if (!(setup.ramp > 0.0 && setup.ramp <= 1.0)) return "ramp";
     if (!(setup.most_rate >= 0.0)) return "most_rate";
     if (setup.most_steps < 1 || setup.most_steps > 10000) return "most_steps";
-    if (setup.joints < 0) return "joints";
+    if (setup.joints < 0 || setup.joints > most_contacts) return "joints";
     int contact = 0;  // links are in the order of the contacts
     for (const Link& link : setup.links) {
-        if (link.contact < contact || link.contact >= setup.contacts || link.column < 0 || !is_joint(link.joint))
+        if (link.contact < contact || link.contact >= setup.contacts || link.column < 0 ||
+            link.column > most_contacts || !is_joint(link.joint))
             return "links";
         contact = link.contact;
     }

@@ -16,6 +16,7 @@ enum class Code : int { converged = 0, stalled = 1, infeasible = 2 };
 constexpr double proven = 1e-9;  // margin of a Farkas certificate, relative to the load
 constexpr double infinity = __builtin_huge_val();
 constexpr int most_powers = 8;
+constexpr int most_contacts = 1 << 24;  // also of joints and rows: sizes of arrays do not overflow
 
 // The friction cone F_n U: the first `round` tangential components (0, 2 or 3) together up to F_n, the others each up
 // to its radius times F_n; or, for polyhedral cones of many edges, facets F_n >= C u.
