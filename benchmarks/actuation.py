@@ -93,7 +93,7 @@ def main() -> None:
     options = parser.parse_args()
     found = [row for name in tqdm(OBJECTS, unit="object") for row in rows(name, options.hold)]
     print(table(found))
-    write_rows(options.out, header(("numpy", "pin", "mujoco"), f"{options.hold:g} s held"), found)
+    write_rows(options.out, header(("numpy", "pin", "mujoco-core"), f"{options.hold:g} s held"), found)
 
 
 if __name__ == "__main__":

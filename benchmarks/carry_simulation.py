@@ -183,7 +183,7 @@ def main() -> None:
     print(table(seen))
     write_rows(
         HERE / "carry_simulation.csv",
-        header(["pinograsp", "pin", "mujoco"], f"seed {seed}"),
+        header(["pinograsp", "pin", "mujoco-core"], f"seed {seed}"),
         rows,
     )
 

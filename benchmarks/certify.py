@@ -204,7 +204,7 @@ def main() -> None:
     rows = simulate_certified(args.simulate, args.seed, args.jobs, args.hands, args.noise)
     notes = (f"seed {args.seed}", f"noise {args.noise:g}", f"mu {MU}", f"{DENSITY:g} kg/m^3")
     whole = [{name: row.get(name, "") for name in COLUMNS} for row in rows]
-    write_rows(HERE / "certify.csv", header(("numpy", "pin", "coal", "mujoco"), *notes), whole)
+    write_rows(HERE / "certify.csv", header(("numpy", "pin", "coal", "mujoco-core"), *notes), whole)
     print_agreement(rows)
 
 

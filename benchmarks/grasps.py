@@ -165,7 +165,7 @@ def main() -> None:
     notes = (f"{options.samples} samples a pair", f"seed {options.seed}")
     for one in tqdm(Parallel(options.jobs, return_as="generator")(work), total=len(pairs), unit="pair"):
         rows.append(one)
-        write_rows(options.out, header(("numpy", "pin", "coal", "mujoco"), *notes), rows)
+        write_rows(options.out, header(("numpy", "pin", "coal", "mujoco-core"), *notes), rows)
     print(summary(rows))
     seconds = [float(one["search_s"]) + float(one["plan_s"]) for one in rows if one["plan_s"]]
     good = sum(one["good"] for one in rows)

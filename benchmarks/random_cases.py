@@ -300,7 +300,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=HERE / "random_cases.csv")
     options = parser.parse_args()
     some = [] if len(options.hands) == len(CATALOGUE) else options.hands
-    first_line = header(("numpy", "pin", "coal", "mujoco", "daqp"), f"seed {options.seed}", *some)
+    first_line = header(("numpy", "pin", "coal", "mujoco-core", "daqp"), f"seed {options.seed}", *some)
     rows = []
     if options.out.exists():
         with options.out.open() as stream:

@@ -196,7 +196,7 @@ def main() -> None:
     found: list[dict] = []
     for own in tqdm(Parallel(options.jobs, return_as="generator")(work), total=len(pairs), unit="pair"):
         found += own
-        write_rows(options.out, header(("numpy", "pin", "mujoco"), f"seed {options.seed}", f"{HOLD:g} s held"), found)
+        write_rows(options.out, header(("numpy", "pin", "mujoco-core"), f"seed {options.seed}", f"{HOLD:g} s held"), found)
     print(summary(found))
 
 

@@ -167,7 +167,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=HERE / "unoptimized.csv")
     options = parser.parse_args()
     print(table(case_study()), flush=True)
-    first_line = header(("numpy", "pin", "mujoco", "daqp"))
+    first_line = header(("numpy", "pin", "mujoco-core", "daqp"))
     rows = paper()
     write_rows(options.out.with_stem(f"{options.out.stem}_paper"), first_line, rows)
     ratios = [float(row["ratio"]) for row in rows if row["ratio"]]
