@@ -194,18 +194,21 @@ def within(plan):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CATALOGUE)
-@pytest.mark.parametrize("torque_limit", ["effort", None, 3.0])
-def test_a_plan_without_a_caution_is_within_all_limits(name, torque_limit):
+def test_a_plan_without_a_caution_is_within_all_limits(name):
     hand = loaded(name)
-    conditions = pg.GraspConditions(mu=0.6, torque_limit=torque_limit)
+    any_torque = pg.GraspConditions(mu=0.6, torque_limit=None)
     for mass, seed in ((0.05, 3), (1.0, 4)):
         ball = pg.Sphere(radius=0.03 if hand.n > 2 else 0.015, mass=mass)
         try:
-            found = pg.find_grasps(hand, ball, conditions, count=4, seed=seed, progress=False)
-            plan = pg.plan_best(found, conditions)
+            found = pg.find_grasps(hand, ball, any_torque, count=4, seed=seed, progress=False)
         except PinograspError:
-            continue  # no plan promises nothing
-        assert plan.status is not Status.OK or within(plan) or told(plan, "limit")
+            continue
+        for torque_limit in ("effort", None, 3.0):
+            try:
+                plan = pg.plan_best(found, pg.GraspConditions(mu=0.6, torque_limit=torque_limit))
+            except PinograspError:
+                continue  # no plan promises nothing
+            assert plan.status is not Status.OK or within(plan) or told(plan, "limit")
 
 
 JAWS = """<mujoco><worldbody><body name="base"><geom type="box" size="0.03 0.05 0.02"/>
