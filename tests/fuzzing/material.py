@@ -113,7 +113,7 @@ def mutate_values(rng, data, values: Sequence, names: Sequence = (*NAMES, *UNWRI
         *above, key = path
         holder, how = look_up(data, above), rng.random()
         old = holder[key]
-        number = isinstance(old, int | float) and not isinstance(old, bool)
+        number = isinstance(old, int | float) and not isinstance(old, bool) and abs(old) < 1e300
         if mild or (how < 0.3 and number):
             factors = [0.5, 0.9, 0.99, 1 + 1e-9, 1.1, 2, 10, 1e3, 1e-3, -1]
             if number:
