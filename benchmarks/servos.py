@@ -196,7 +196,8 @@ def main() -> None:
     found: list[dict] = []
     for own in tqdm(Parallel(options.jobs, return_as="generator")(work), total=len(pairs), unit="pair"):
         found += own
-        write_rows(options.out, header(("numpy", "pin", "mujoco-core"), f"seed {options.seed}", f"{HOLD:g} s held"), found)
+        notes = (f"seed {options.seed}", f"{HOLD:g} s held")
+        write_rows(options.out, header(("numpy", "pin", "mujoco-core"), *notes), found)
     print(summary(found))
 
 

@@ -71,6 +71,12 @@ def answers(plan, simulation=None) -> dict[str, str]:
     return {one.question: one.text for one in answer_questions(plan, simulation)}
 
 
+@pytest.mark.parametrize("judged", [does_it_hold, lambda run, simulation: report_plan(run, (), simulation)])
+def test_what_is_no_simulation_is_refused(run, judged):
+    with pytest.raises(InvalidInput, match="simulation: expected a Simulation or None"):
+        judged(run, run)
+
+
 def test_the_answer_comes_first(run, simulated):
     told = answers(run)
     assert list(told) == [

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
-from pinograsp.checks import alike, at_least_zero, finite_of, number, one_of, shown
+from pinograsp.checks import alike, at_least_zero, finite_of, instance_of, number, one_of, shown
 from pinograsp.contacts.deceleration import CONSTANT, DecelerationShape
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import ContactLaw
@@ -84,7 +84,7 @@ class Compliance(Protocol):
 
         Of a deceleration of ``shape`` that ends at depth ``final_depth`` [m] after ``duration`` = tau [s].
         """
-        depth, tau = _check_measured(final_depth, duration)
+        depth, tau = _check_measured(final_depth, duration, shape)
         measure: Array = self.measure_factor * (
             tau * self._integrate_force(depth, shape) + self.loss * self.energy(depth)
         )
@@ -95,7 +95,7 @@ class Compliance(Protocol):
 
         Arguments as for :meth:`impulse`.
         """
-        depth, tau = _check_measured(final_depth, duration)
+        depth, tau = _check_measured(final_depth, duration, shape)
         measure: Array = self.measure_factor * (
             self.energy(depth) + self.loss / tau * self._integrate_damping(depth, shape)
         )
@@ -113,7 +113,7 @@ class Compliance(Protocol):
         Raises:
             InvalidInput: an energy that is further from any such sum, since it is not convex.
         """
-        _, tau = _check_measured(0.0, duration)
+        _, tau = _check_measured(0.0, duration, shape)
         forces = number("largest force", largest, above=0) * np.arange(1, _FITTED + 1) / _FITTED
         depths = self.depth(forces)
         if one_of("measure", measure, MEASURES) == "impulse":
@@ -221,7 +221,7 @@ class MarhefkaOrin(Compliance):
 
         c is the shape's ``impulse_factor``, (rho+1) B(rho+1, 1/2) / 2 for the constant one.
         """
-        (depth, tau), rho = _check_measured(final_depth, duration), self.exponent
+        (depth, tau), rho = _check_measured(final_depth, duration, shape), self.exponent
         c = shape.impulse_factor(rho)
         return self.damping * depth ** (rho + 1) + c * self.stiffness * tau * depth**rho
 
@@ -230,14 +230,14 @@ class MarhefkaOrin(Compliance):
 
         c is the shape's ``work_factor``, 2 (rho+1) B(3/2, rho+1) for the constant one.
         """
-        (depth, tau), rho = _check_measured(final_depth, duration), self.exponent
+        (depth, tau), rho = _check_measured(final_depth, duration, shape), self.exponent
         return self.stiffness * depth ** (rho + 1) + shape.work_factor(rho) * self.damping * depth ** (rho + 2) / tau
 
     def powers(
         self, measure: Measure, duration: float, shape: DecelerationShape = CONSTANT, *, largest: float = 0.0
     ) -> Powers:
         """As of any law; of F = K delta_F^rho (Eq. 26) both measures are such sums exactly, however large F is."""
-        (_, tau), K, rho, damping = _check_measured(0.0, duration), self.stiffness, self.exponent, self.damping
+        (_, tau), K, rho, damping = _check_measured(0.0, duration, shape), self.stiffness, self.exponent, self.damping
         if one_of("measure", measure, MEASURES) == "impulse":
             stiff = (shape.impulse_factor(rho) * tau, 1.0)
             return ((damping * K ** (-(rho + 1) / rho), (rho + 1) / rho), stiff) if damping > 0 else (stiff,)
@@ -275,5 +275,6 @@ class _Scaled(Compliance):
         return self.law.loss / self.factor
 
 
-def _check_measured(depth: ArrayLike, duration: float) -> tuple[Array, float]:
+def _check_measured(depth: ArrayLike, duration: float, shape: DecelerationShape) -> tuple[Array, float]:
+    instance_of("shape", shape, DecelerationShape)
     return at_least_zero("depth", depth), number("duration", duration, above=0, unit="s")

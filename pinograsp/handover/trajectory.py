@@ -272,13 +272,10 @@ class JointTrajectory(JointSamples):
                 finite. ResultsNotWritten.
         """
         path = path_of("path", path)
-        flag("feed_forward", feed_forward)
-        text_of("prefix", prefix)
+        check_model_options(model, qpos, feed_forward, prefix)
         one_of("suffix of MuJoCo keyframes", path.suffix, (".xml",))
         own = self.with_followers()
         if model is None:
-            if qpos is not None:
-                raise InvalidInput("qpos: expected with a model=, whose other joints it places; got it alone")
             driven = [i for i, name in enumerate(self.names) if name not in self.couplings]
             found = Controls(
                 qpos=own.q,
@@ -293,3 +290,19 @@ class JointTrajectory(JointSamples):
             found = controls(model, self, own, qpos, feed_forward, prefix)
         write_keyframes(path, own.times, self.impact_time, found)
         return replace(self, notes=(*self.notes, *found.notes))
+
+
+def check_model_options(model: Any, qpos: ArrayLike | None, feed_forward: bool, prefix: str) -> None:
+    """Refuse what is said of a MuJoCo model where there is none, which would change nothing.
+
+    Raises:
+        InvalidInput.
+    """
+    given = {
+        "qpos": qpos is not None,
+        "feed_forward": not flag("feed_forward", feed_forward),
+        "prefix": text_of("prefix", prefix),
+    }
+    alone = [name for name, is_given in given.items() if is_given and model is None]
+    if alone:
+        raise InvalidInput(f"{', '.join(alone)}: expected with model=, of which it is said; got it alone")

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from pinograsp.checks import instance_of
 from pinograsp.errors import Status
 from pinograsp.plan.parts import WEAK, PlanFriction, PlanMargins, PlanReserve
 from pinograsp.plan.record import PlanRecord
@@ -62,6 +63,7 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
     speaks for itself alone.
     """
     status = plan.status
+    instance_of("simulation", simulation, Simulation, type(None))
     if simulation is not None and not simulation.verdict.held:
         reason = printable(simulation.verdict.reason, 400)
         if simulation.disturbance:

@@ -26,6 +26,7 @@ from pinograsp.handover import (
     write_jaws,
 )
 from pinograsp.handover.commands import COMMANDS, make_commands, write_drive_keyframes
+from pinograsp.handover.trajectory import check_model_options
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
@@ -190,7 +191,7 @@ class GraspPlan(PlanRecord):
             command: without ``scene``, one control per drive in place of one per joint: efforts for ``torque``, servo
                 positions that make them for ``position`` and ``impedance``. In a scene, None means ``impedance``.
             scene: a scene that loads by itself, with hand, object, actuators and keyframes, instead of keyframes to be
-                included; see :func:`pinograsp.handover.scene.write_scene`. Needs the extra ``sim``.
+                included; see :func:`pinograsp.handover.scene.write_scene`.
             hold: of a scene, how long the controls go on after the motion [s].
             model, qpos, feed_forward, prefix: a model of your own, whose actuators say what they are sent; see
                 :meth:`pinograsp.handover.JointTrajectory.to_mujoco`.
@@ -204,6 +205,7 @@ class GraspPlan(PlanRecord):
             raise InvalidInput(
                 "model: expected without command= and scene=, got both: controls follow from the model's own actuators"
             )
+        check_model_options(model, qpos, feed_forward, prefix)
         if flag("scene", scene):
             from pinograsp.handover.scene import write_scene
 

@@ -181,3 +181,16 @@ def test_a_stiffer_law_is_planned_with_less_depth(make_problem):
         for law in (Foam(), replace(Foam(), length=1e-3))
     )
     assert hard.profile.final_depth.max() < soft.profile.final_depth.max()
+
+
+@pytest.mark.parametrize("law", [MarhefkaOrin(), Foam()], ids=["paper", "foam"])
+@pytest.mark.parametrize("shape", ["constant", None, DecelerationShape.constant])
+def test_shapes_that_are_none_are_refused(law, shape):
+    measured = (
+        lambda: law.impulse(1e-3, TAU, shape),
+        lambda: law.work(1e-3, TAU, shape),
+        lambda: law.powers("work", TAU, shape, largest=10.0),
+    )
+    for measure in measured:
+        with pytest.raises(InvalidInput, match="shape: expected a DecelerationShape"):
+            measure()

@@ -614,8 +614,10 @@ def test_files_and_models_that_are_none_are_refused(panda, tmp_path):
         panda.to_mujoco(tmp_path / "plan.json")
     with pytest.raises(InvalidInput, match=r"expected a mujoco\.MjModel"):
         panda.to_mujoco(tmp_path / "plan.xml", model="hand.xml")
-    with pytest.raises(InvalidInput, match="qpos: expected with a model"):
-        panda.to_mujoco(tmp_path / "plan.xml", qpos=[0.0])
+    for option in ({"qpos": [0.0]}, {"feed_forward": False}, {"prefix": "left/"}):
+        (name,) = option
+        with pytest.raises(InvalidInput, match=f"{name}: expected with model="):
+            panda.to_mujoco(tmp_path / "plan.xml", **option)
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><body><joint name='x'/><geom size='1'/></body></worldbody></mujoco>"
     )
