@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp import defaults
 from pinograsp.certification.record import Certificates
-from pinograsp.certification.setup import Options, prepare
+from pinograsp.certification.setup import CertifyArguments, Options, prepare
 from pinograsp.certification.verdicts import certify_block
 from pinograsp.checks import array_of, placements_of
 from pinograsp.contacts.jaw_closing import close_jaws
@@ -15,6 +16,9 @@ from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 BLOCK = 1024  # postures at once
 
@@ -30,16 +34,9 @@ class Certifier:
         hand: HandModel,
         body: Body,
         conditions: GraspConditions,
-        *,
-        tolerance: float = defaults.TOUCHES,
-        palm: bool = True,
-        patches: bool = True,
-        exact: bool = True,
-        drives: bool = True,
-        threads: int | None = None,
+        **options: Unpack[CertifyArguments],
     ):
-        options = Options(tolerance=tolerance, palm=palm, patches=patches, exact=exact, drives=drives, threads=threads)
-        self._setup = prepare(hand, body, conditions, options)
+        self._setup = prepare(hand, body, conditions, Options(**options))
 
     def __call__(self, postures: ArrayLike, roots: ArrayLike | None = None) -> Certificates:
         """The certificates of postures (N, n) with the hand's root at ``roots`` (N, 4, 4), or where the hand is."""
@@ -75,12 +72,7 @@ def certify(
     conditions: GraspConditions,
     *,
     roots: ArrayLike | None = None,
-    tolerance: float = defaults.TOUCHES,
-    palm: bool = True,
-    patches: bool = True,
-    exact: bool = True,
-    drives: bool = True,
-    threads: int | None = None,
+    **options: Unpack[CertifyArguments],
 ) -> Certificates:
     """Whether grasps hold ``body``, each by its posture: forces, torques, reserve, or the reason; without any motion.
 
@@ -91,27 +83,19 @@ def certify(
         conditions: friction, gravity, torque limits and the reserve. A grasp is held where one squeeze holds the weight
             and all that the reserve adds, as :func:`~pinograsp.certification.elastic.find_offsets` tells.
         roots: oMh, where the hand's root is in the world for each posture (N, 4, 4); None: where the hand is.
-        tolerance: distance from the surface [m] up to which a link touches, outside or inside; deeper ones penetrate.
-        palm: whether the palm's contact counts.
-        patches: a contact at up to four corners of a flat area; else one in its middle.
-        exact: where the quick way finds no squeeze for the reserve, solve the full program (some 10 ms each); else such
-            grasps are ``RESERVE`` without more ado.
-        drives: whether forces that the hand's drives cannot make together are no grasp; ``producible`` tells it anyway.
-        threads: of the force methods; None: one for each core.
+        **options:
+            tolerance: distance from the surface [m] up to which a link touches, outside or inside; deeper ones
+                penetrate. Default: 2 mm.
+            palm: whether the palm's contact counts. Default: yes.
+            patches: a contact at up to four corners of a flat area; else one in its middle. Default: yes.
+            exact: where the quick way finds no squeeze for the reserve, solve the full program (some 10 ms each); else
+                such grasps are ``RESERVE`` without more ado. Default: yes.
+            drives: whether forces that the hand's drives cannot make together are no grasp; ``producible`` tells it
+                anyway. Default: yes.
+            threads: of the force methods. Default: one for each core.
 
     Raises:
         InvalidInput: shapes that do not go together, a hand without geometry, or conditions that cannot be used.
         ExtraMissing: the compiled core, or for objects that are not convex coacd (extra ``mesh``).
     """
-    certifier = Certifier(
-        hand,
-        body,
-        conditions,
-        tolerance=tolerance,
-        palm=palm,
-        patches=patches,
-        exact=exact,
-        drives=drives,
-        threads=threads,
-    )
-    return certifier(postures, roots)
+    return Certifier(hand, body, conditions, **options)(postures, roots)

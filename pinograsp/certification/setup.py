@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 
+from pinograsp import defaults
 from pinograsp.certification.squeeze import Holding
 from pinograsp.checks import flag, instance_of, integer, number, read_only
 from pinograsp.contacts.bulk import BulkScene
@@ -23,12 +25,12 @@ from pinograsp.spatial import Array, IntArray
 class Options:
     """What counts as a contact and as held; fields as the arguments of :func:`~pinograsp.certification.certify`."""
 
-    tolerance: float
-    palm: bool
-    patches: bool
-    exact: bool
-    drives: bool
-    threads: int | None
+    tolerance: float = defaults.TOUCHES
+    palm: bool = True
+    patches: bool = True
+    exact: bool = True
+    drives: bool = True
+    threads: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tolerance", number("tolerance", self.tolerance, at_least=1e-7, unit="m"))
@@ -36,6 +38,17 @@ class Options:
             flag(name, getattr(self, name))
         if self.threads is not None:
             object.__setattr__(self, "threads", integer("threads", self.threads, at_least=1))
+
+
+class CertifyArguments(TypedDict, total=False):
+    """:class:`Options` as arguments."""
+
+    tolerance: float
+    palm: bool
+    patches: bool
+    exact: bool
+    drives: bool
+    threads: int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

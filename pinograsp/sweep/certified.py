@@ -25,7 +25,7 @@ from pinograsp.sweep.certified_rows import Prepared, blocks_of, certified_block,
 from pinograsp.sweep.certified_table import REFUSED, schema_of
 from pinograsp.sweep.inputs import Inputs, plain, settings_of_conditions, settings_of_hand
 from pinograsp.sweep.parts import Parts, Work, read_part, read_parts
-from pinograsp.sweep.runner import Executor, Runner
+from pinograsp.sweep.runner import Executor, Progress, Runner
 from pinograsp.writing import place_of, write_errors
 
 if TYPE_CHECKING:
@@ -203,9 +203,7 @@ def certify_files(
             _work(data, rows, payload),
             rows,
             rows.take,
-            label="certify",
-            unit="grasp",
-            done=sum(rows.counts.values()),
+            Progress("certify", "grasp", sum(rows.counts.values())),
         )
         return Certified(
             folder=Path(folder),

@@ -15,7 +15,7 @@ from pinograsp.cases.sweep_file import SweepSpec, load_sweep
 from pinograsp.checks import brief, path_of
 from pinograsp.spatial import IntArray
 from pinograsp.sweep.rows import FIGURES, ChunkResult, Row, kind_of, run_chunk
-from pinograsp.sweep.runner import Executor, Runner
+from pinograsp.sweep.runner import Executor, Progress, Runner
 from pinograsp.sweep.store import Store, read_sweep
 
 if TYPE_CHECKING:
@@ -117,11 +117,8 @@ def sweep(
             map(lambda rows: (payload, rows), chunks),
             store,
             take,
-            label="sweep",
-            unit="row",
-            done=store.done,
-            total=spec.rows,
-            employ=chunks.employ,
+            Progress("sweep", "row", store.done, spec.rows),
+            chunks.employ,
         )
         return Sweep(
             folder=Path(folder),

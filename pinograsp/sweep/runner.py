@@ -26,6 +26,23 @@ _ANSWERED_WITHIN, _CONNECTED_WITHIN = 3, 10  # [s] for the address of a schedule
 _Result = TypeVar("_Result")
 
 
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What a bar shows.
+
+    Attributes:
+        label: before it.
+        unit: that it counts.
+        done: rows that are there already.
+        total: rows altogether; None: not known.
+    """
+
+    label: str
+    unit: str
+    done: int
+    total: int | None = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Runner:
     """Who runs long work.
@@ -61,11 +78,7 @@ class Runner:
         work: Iterator[tuple[object, ...]],
         parts: Parts,
         take: Callable[[_Result], int],
-        *,
-        label: str,
-        unit: str,
-        done: int,
-        total: int | None = None,
+        progress: Progress,
         employ: Callable[[int], None] = lambda workers: None,
     ) -> bool:
         """Take the results of ``function`` for each of the arguments as they come, and save them every two seconds.
@@ -75,9 +88,7 @@ class Runner:
             work: the arguments; it may give more after it has given none, until the last result is taken.
             parts: where ``take`` adds rows.
             take: a result, and returns how many rows it was.
-            label, unit: of the bar; what it counts.
-            done: rows that are there already.
-            total: rows altogether, where that is known.
+            progress: what the bar shows.
             employ: hears of the number of workers.
 
         Returns:
@@ -87,10 +98,10 @@ class Runner:
             PinograspError: workers were lost; saved rows are kept.
         """
         bar = tqdm(
-            total=total,
-            initial=done,
-            desc=label,
-            unit=unit,
+            total=progress.total,
+            initial=progress.done,
+            desc=progress.label,
+            unit=progress.unit,
             disable=None if self.progress is None else not self.progress,
             leave=False,
         )
