@@ -246,14 +246,16 @@ def number(
     try:
         result = _real(value)
     except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(f"{name}: expected {_wanted(above, at_least, at_most, unit)}, got {shown(value)}") from None
+        raise InvalidInput(
+            f"{name}: expected {_describe_wanted(above, at_least, at_most, unit)}, got {shown(value)}"
+        ) from None
     if (
         not math.isfinite(result)
         or (above is not None and not result > above)
         or (at_least is not None and result < at_least)
         or (at_most is not None and result > at_most)
     ):
-        raise InvalidInput(f"{name}: expected {_wanted(above, at_least, at_most, unit)}, got {result:g}")
+        raise InvalidInput(f"{name}: expected {_describe_wanted(above, at_least, at_most, unit)}, got {result:g}")
     return result
 
 
@@ -266,7 +268,7 @@ def _real(value: object) -> float:
     return float(value)
 
 
-def _wanted(above: float | None, at_least: float | None, at_most: float | None, unit: str) -> str:
+def _describe_wanted(above: float | None, at_least: float | None, at_most: float | None, unit: str) -> str:
     bounds = [
         f"{sign} {bound:g}" for sign, bound in ((">", above), (">=", at_least), ("<=", at_most)) if bound is not None
     ]
@@ -333,11 +335,11 @@ def instance_of(name: str, value: object, *kinds: type[_Kind]) -> _Kind:
     """``value`` if it is of one of the kinds, or :class:`InvalidInput`."""
     if not isinstance(value, kinds):
         names = [kind.__name__ for kind in kinds if kind is not type(None)] + ["None"] * (type(None) in kinds)
-        raise InvalidInput(f"{name}: expected {_listed(names)}, got {shown(value)}")
+        raise InvalidInput(f"{name}: expected {_list(names)}, got {shown(value)}")
     return value
 
 
-def _listed(names: list[str]) -> str:
+def _list(names: list[str]) -> str:
     first = f"an {names[0]}" if names[0][0] in "AEIO" else f"a {names[0]}"
     return " or ".join([first, *names[1:]])
 

@@ -183,10 +183,10 @@ def gains_within(
     squeeze = Squeeze.of(solution, hand, tangential_ratio)
 
     def band(scale: float) -> ForceBand:
-        return _band(squeeze.with_hand(replace(hand, gains=_scaled(hand, scale))), factors)
+        return _band(squeeze.with_hand(replace(hand, gains=_scale(hand, scale))), factors)
 
     def found(scale: float, one: ForceBand) -> GainLimit:
-        return GainLimit(scale=scale, gains=frozen(_scaled(hand, scale)), band=one, monotonic=monotonic)
+        return GainLimit(scale=scale, gains=frozen(_scale(hand, scale)), band=one, monotonic=monotonic)
 
     scales = _as_stiff_as_contacts(squeeze, hand) * np.geomspace(_SOFTEST, _STIFFEST, _TRIED)
     bands = [band(scale) for scale in scales.tolist()]
@@ -222,7 +222,7 @@ def _as_stiff_as_contacts(squeeze: Squeeze, hand: CompliantHand) -> float:
     return contacts / gains if contacts > 0 else 1.0
 
 
-def _scaled(hand: CompliantHand, scale: float) -> Array:
+def _scale(hand: CompliantHand, scale: float) -> Array:
     """The hand's gains times ``scale``; those of 0, and infinite ones, stay."""
     if hand.gains.ndim == 2:
         return np.asarray(scale * hand.gains, dtype=float)

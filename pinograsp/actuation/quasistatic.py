@@ -125,7 +125,7 @@ def quasistatic_maps(
     series = K - K @ B @ X @ B.T @ K
     series = series / 2 + series.T / 2
     stiff = G @ series @ G.T
-    object_by_load, rank, loose = _resisted(stiff, length)
+    object_by_load, rank, loose = _invert_resisted(stiff, length)
     dragged = Z @ X @ B.T @ K @ G.T  # joints that yield to the object's motion
 
     # Commands, first with the object held still.
@@ -170,7 +170,7 @@ def checked_grasp(
     return G, K, hand, number("moment length", moment_length, at_least=1e-9, at_most=FARTHEST, unit="m")
 
 
-def _resisted(stiffness: Array, length: float) -> tuple[Array, int, Array]:
+def _invert_resisted(stiffness: Array, length: float) -> tuple[Array, int, Array]:
     """The inverse (6, 6) of the object's stiffness along the motions that it resists, their number, and the other
     motions (6 - rank, 6).
     """

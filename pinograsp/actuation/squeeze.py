@@ -89,7 +89,7 @@ class Squeeze:
                 "tangential forces: expected none where contacts have no tangential stiffness, got "
                 f"{np.abs(planned[:, :2]).max():.3g} N: give tangential_ratio > 0, or plan without friction"
             )
-        motions, yielding = cls._moved(problem, hand)
+        motions, yielding = cls._assemble_motions(problem, hand)
         return cls(
             problem=problem,
             torsion=np.array(solution.torsion) if len(solution.torsion) else np.zeros(problem.k),
@@ -101,7 +101,7 @@ class Squeeze:
         )
 
     @staticmethod
-    def _moved(problem: ForceProblem, hand: CompliantHand) -> tuple[Array, Array]:
+    def _assemble_motions(problem: ForceProblem, hand: CompliantHand) -> tuple[Array, Array]:
         Z, D = yielding_motions(hand)
         p = len(D)
         yielding = np.zeros((p + 6, p + 6))
@@ -110,7 +110,7 @@ class Squeeze:
 
     def with_hand(self, hand: CompliantHand) -> Squeeze:
         """The same squeeze by a hand that yields otherwise."""
-        motions, yielding = self._moved(self.problem, hand)
+        motions, yielding = self._assemble_motions(self.problem, hand)
         return replace(self, motions=motions, yielding=yielding)
 
     def stiffness(self, factor: float) -> Array:
@@ -162,10 +162,10 @@ class Squeeze:
         if not balanced or within.all():
             return stuck
         most = float(min(share.max(), _SLIPPERY))
-        return self._slipped(law, across, start, v, scale, size, most) or stuck
+        return self._find_slip(law, across, start, v, scale, size, most) or stuck
 
     # Seven arguments: what the equilibrium without slip was found from, and where it is.
-    def _slipped(
+    def _find_slip(
         self, law: Compliance, across: Array, start: Array, v: Array, scale: Array, size: Array, most: float
     ) -> Settled | None:
         """The equilibrium where contacts slip, by a semismooth Newton method from the one without, ``v`` (p,), which

@@ -127,7 +127,7 @@ def object_stiffness(
     rotations, arms = _frames_of(G)
     preload = bounded("preload", array_of("preload", forces_c, (hand.k, 3)), LARGEST)
     forces = np.einsum("kxc,kc->kx", rotations, preload)
-    rolling = _rolling(object_curvature, hand_curvature, hand.k)
+    rolling = _measure_rolling(object_curvature, hand_curvature, hand.k)
     about_normals = at_least_zero("torsional stiffness", each_of("torsional stiffness", torsional_stiffness, hand.k))
     bounded("torsional stiffness", about_normals, LARGEST)
     normals = rotations[:, :, 2]
@@ -158,7 +158,7 @@ def object_stiffness(
         return -wrench, own
 
     matrix, yielding = stiffness_of(geometry, slope)
-    elastic, without = stiffness_of(geometry.unloaded(), np.zeros_like(slope))
+    elastic, without = stiffness_of(geometry.without_load(), np.zeros_like(slope))
     units = np.repeat([1.0, 1.0 / length], 3)
     values, vectors = np.linalg.eigh(units[:, None] * (matrix + matrix.T) / 2 * units)
     return ObjectStiffness(
@@ -203,7 +203,7 @@ class _Geometry(NamedTuple):
     bend: Array
     torsion: Array
 
-    def unloaded(self) -> _Geometry:
+    def without_load(self) -> _Geometry:
         return self._replace(pull=np.zeros_like(self.pull))
 
     def changes(self, K: Array, u: Array, phi: Array, theta: Array) -> _Changes:
@@ -232,7 +232,7 @@ def _frames_of(G: Array) -> tuple[Array, Array]:
     return rotations, arms
 
 
-def _rolling(object_curvature: ArrayLike, hand_curvature: ArrayLike, k: int) -> tuple[Array, Array, Array]:
+def _measure_rolling(object_curvature: ArrayLike, hand_curvature: ArrayLike, k: int) -> tuple[Array, Array, Array]:
     """Per contact (k,): the share s [-], the rolling radius 1 / (c_o + c_h) [m] and the curvature c [1/m]."""
     given = []
     for name, value in (("object", object_curvature), ("hand", hand_curvature)):

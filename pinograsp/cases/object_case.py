@@ -122,7 +122,7 @@ class ObjectCase(Section):
     folder: Path = Field(Path("."), exclude=True)
 
     @model_validator(mode="after")
-    def _searched(self) -> ObjectCase:
+    def _search(self) -> ObjectCase:
         if self.within is not None and self.at is not None:
             raise ValueError("within says where a search holds the object: expected it without at")
         if self.torque_limit is not None and self.search != "convex":
@@ -180,7 +180,7 @@ class ObjectCase(Section):
     def closure(self) -> Closure:
         """The hand closed on the object, at ``at`` or in the best grasp found (in this process)."""
         if self.at is None:
-            return self._found().best.closure
+            return self._find().best.closure
         turn = rotation_rpy(*np.radians(self.at[3:])) if len(self.at) == 6 else None
         return close_hand(self.load_hand(), self.make_object().placed(pose_of(self.at[:3], turn)), wrap=self.wrap)
 
@@ -198,7 +198,7 @@ class ObjectCase(Section):
         conditions = self._conditions()
         options = PlanOptions(search=self.search, solver=self.solver, objective=self.objective)
         if self.at is None:
-            found = self._found() if found is None else found
+            found = self._find() if found is None else found
             plan = plan_best(found, conditions, options, progress=progress, check=self.check)
         else:
             closure = self.closure()
@@ -206,7 +206,7 @@ class ObjectCase(Section):
         name = self.object if isinstance(self.object, str) else str(self.object.get("shape", "object"))
         return replace(plan, settings={"name": f"{self.hand}, {name}", **self.settings()})
 
-    def _found(self) -> GraspSearch:
+    def _find(self) -> GraspSearch:
         found = self.grasps(jobs=1, progress=False)
         if found.interrupted:
             raise KeyboardInterrupt

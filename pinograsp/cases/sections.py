@@ -33,7 +33,7 @@ _SMALLEST, _LARGEST = 1e-12, 1e12
 _MOST_VALUES, _MOST_CELLS = 10_000, 1_000_000  # of a grid: along one axis; impact times x accelerations
 
 
-def _increasing(pair: tuple[float, float]) -> tuple[float, float]:
+def _check_increasing(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[0] > pair[1]:
         raise ValueError(f"lower bound {pair[0]:g} is above upper bound {pair[1]:g}")
     return pair
@@ -56,7 +56,7 @@ Number = Annotated[float, AfterValidator(_reasonable)]
 Positive = Annotated[float, Field(gt=0), AfterValidator(_reasonable)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(_reasonable)]
 Vector = tuple[Number, Number, Number]
-Range = Annotated[tuple[Positive, Positive], AfterValidator(_increasing)]
+Range = Annotated[tuple[Positive, Positive], AfterValidator(_check_increasing)]
 Angles = dict[str, tuple[Number, ...]]
 
 

@@ -32,14 +32,14 @@ _WITH_FILES = ("hand", "object", "packages", "xacro_args", "srdf")  # inputs tha
 _LOOKED_AT = 20  # number of first rows of which at least one must be usable
 
 
-def _rising(pair: tuple[float, float]) -> tuple[float, float]:
+def _check_rising(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[0] >= pair[1]:
         raise ValueError(f"expected the lower end first, got {pair[0]:g}, {pair[1]:g}")
     return pair
 
 
-Pair = Annotated[tuple[Number, Number], AfterValidator(_rising)]
-PositivePair = Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
+Pair = Annotated[tuple[Number, Number], AfterValidator(_check_rising)]
+PositivePair = Annotated[tuple[Positive, Positive], AfterValidator(_check_rising)]
 
 
 class Span(Section):
@@ -73,7 +73,7 @@ class Draw(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _named(cls, given: object) -> object:
+    def _check_mapping(cls, given: object) -> object:
         if not isinstance(given, dict | Draw):
             raise ValueError("expected a distribution, for example {uniform: [0.4, 1.0]}")
         return given
@@ -240,7 +240,7 @@ class SweepSpec(Section):
         try:
             loaded = load_case(source, cast(CaseChanges, fixed))
         except CaseRejected as error:
-            raise self._rejected(error, fixed, known) from None
+            raise self._reject(error, fixed, known) from None
         return loaded.model_dump(mode="json", by_alias=True, exclude_unset=True), str(loaded.folder), known
 
     def _start_object(self, fixed: dict[str, Any]) -> tuple[dict[str, Any], str, list[str]]:
@@ -251,7 +251,7 @@ class SweepSpec(Section):
             data = change_values({"hand": self.hand, "object": fields}, fixed)
             validate(ObjectCase, {**data, "folder": self.folder})
         except CaseRejected as error:
-            raise self._rejected(error, fixed, known) from None
+            raise self._reject(error, fixed, known) from None
         return data, str(self.folder), known
 
     def _try_key(self, base: SweepBase, key: str, value: Any, known: list[str]) -> None:
@@ -262,9 +262,9 @@ class SweepSpec(Section):
             if any(
                 words in str(error) for words in ("unknown key", "no further keys", "expected an index", "field of ")
             ):
-                raise self._rejected(error, [key], known) from None
+                raise self._reject(error, [key], known) from None
 
-    def _rejected(self, error: InvalidInput, keys: Iterable[str], known: list[str]) -> CaseRejected:
+    def _reject(self, error: InvalidInput, keys: Iterable[str], known: list[str]) -> CaseRejected:
         """The error of a case as the sweep's own, with the nearest spelling of unknown keys."""
         text = str(error).replace("--set ", "")
         if "did you mean" not in text:

@@ -117,7 +117,7 @@ def _pad(setup: CertifySetup, bulk: BulkContacts, touch: IntArray, corner: IntAr
     slot = _slots(counts)
     shape = count, max(int(counts.max(initial=0)), 1)
 
-    def padded(values: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    def pad(values: NDArray[_Scalar]) -> NDArray[_Scalar]:
         result: NDArray[_Scalar] = np.zeros((*shape, *values.shape[1:]), dtype=values.dtype)
         result[grasp, slot] = values
         return result
@@ -127,7 +127,7 @@ def _pad(setup: CertifySetup, bulk: BulkContacts, touch: IntArray, corner: IntAr
     J = bulk.jacobians_o[touch]
     J[:, :3] += np.cross(J[:, 3:], arms[:, :, None], axis=1)
     normals = bulk.normals_o[touch]
-    rotations = padded(np.concatenate([tangents(normals), normals[:, :, None]], axis=2))
+    rotations = pad(np.concatenate([tangents(normals), normals[:, :, None]], axis=2))
     rotations[np.arange(shape[1]) >= counts[:, None]] = np.eye(3)
     leaning = bulk.leaning[touch, corner] if patches else np.zeros(len(touch))
     law = setup.conditions.compliance
@@ -136,12 +136,12 @@ def _pad(setup: CertifySetup, bulk: BulkContacts, touch: IntArray, corner: IntAr
     return {
         "counts": counts,
         "touched": touched.sum(axis=1),
-        "links": padded(setup.scene.link_of[bulk.part[touch]]),
-        "points_o": padded(points),
-        "gaps": padded(bulk.gap[touch] + leaning),
-        "closing": padded(law.force(leaning)),
+        "links": pad(setup.scene.link_of[bulk.part[touch]]),
+        "points_o": pad(points),
+        "gaps": pad(bulk.gap[touch] + leaning),
+        "closing": pad(law.force(leaning)),
         "rotations": rotations,
-        "jacobians": padded(J),
+        "jacobians": pad(J),
     }
 
 

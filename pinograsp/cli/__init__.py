@@ -90,7 +90,7 @@ def _report(error: BaseException, session: Session) -> int:
     code = status.exit_code
     if isinstance(error, SystemExit):  # of the completion of shells
         raise error
-    if _interrupted(error):
+    if _interrupt(error):
         return 130
     if isinstance(error, _UsageError):
         code, name, status, text = int(error.exit_code), "UsageError", Status.INVALID_INPUT, error.format_message()
@@ -124,7 +124,7 @@ def _print_json(session: Session, status: Status, name: str, text: str, remedy: 
     return True
 
 
-def _interrupted(error: BaseException | None) -> bool:
+def _interrupt(error: BaseException | None) -> bool:
     """Whether Ctrl-C caused the error: libraries turn it into errors of their own."""
     while error is not None and not isinstance(error, KeyboardInterrupt | typer.Abort):
         error = error.__cause__ or error.__context__

@@ -58,12 +58,14 @@ def objects(incomplete: str) -> list[str]:
 
 def runs(incomplete: str) -> list[str]:
     """Folders of runs below runs/ and here."""
-    return one_of(sorted(_holding("plan.json", incomplete)))(incomplete)
+    return one_of(sorted(_find_folders("plan.json", incomplete)))(incomplete)
 
 
 def exportable(incomplete: str) -> list[str]:
     """Folders of runs, and of carry plans below carries/ and here."""
-    return one_of(sorted({*_holding("plan.json", incomplete), *_holding("carry.json", incomplete)}))(incomplete)
+    return one_of(sorted({*_find_folders("plan.json", incomplete), *_find_folders("carry.json", incomplete)}))(
+        incomplete
+    )
 
 
 def graspable(incomplete: str) -> list[str]:
@@ -94,7 +96,7 @@ def conventions(incomplete: str) -> list[str]:
     return one_of(CONVENTIONS)(incomplete)
 
 
-def _holding(name: str, incomplete: str) -> Iterator[str]:
+def _find_folders(name: str, incomplete: str) -> Iterator[str]:
     """Folders that hold a file of that name: those here, those in a folder here, and those where the text points to."""
     there = glob.escape(os.path.dirname(incomplete))
     for pattern in {"*", "*/*", os.path.join(there, "*")}:

@@ -13,7 +13,7 @@ from pinograsp.checks import brief, instance_of, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.penetration import ICOSAHEDRON
 from pinograsp.contacts.self_collision import SelfCollisions
-from pinograsp.contacts.support import CORNERS, common_corners, support_shape, tilted
+from pinograsp.contacts.support import CORNERS, common_corners, support_shape, tilt
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.objects.mesh import Mesh
@@ -115,12 +115,12 @@ class BulkScene:
         objects = there @ self.body.shape_pose
         oMi = self._kinematics(q)
         placed = oMi[:, self.joints] @ self.placements
-        touching = self._touching(q, placed, objects, tolerance)
+        touching = self._find_touching(q, placed, objects, tolerance)
         grasp, part = touching.grasp, touching.part
         back = roots @ inverse_of(self.hand.pose[None])
         turn = back[grasp, :3, :3]
-        points = _moved(turn, touching.points) + back[grasp, :3, 3]
-        normals = _moved(turn, touching.normals)
+        points = _turn(turn, touching.points) + back[grasp, :3, 3]
+        normals = _turn(turn, touching.normals)
         shallow = touching.gap >= -tolerance
         depth = np.zeros(len(q))
         np.maximum.at(depth, grasp[~shallow], -touching.gap[~shallow])
@@ -183,7 +183,7 @@ class BulkScene:
 
     def _gravity(self, q: Array, there: Array, gravity_o: Array) -> Array:
         """Torques (N, n) that hold the hand itself, gravity as it acts on each."""
-        seen = _moved(there[:, :3, :3], np.broadcast_to(gravity_o, (len(q), 3)))
+        seen = _turn(there[:, :3, :3], np.broadcast_to(gravity_o, (len(q), 3)))
         model, before = self.model, np.array(self.model.gravity.linear)
         found = np.empty(q.shape)
         try:
@@ -213,7 +213,7 @@ class BulkScene:
         grasp, part, solid = grasp[near], part[near], solid[near]
         return grasp, part, solid, np.sqrt(squared[grasp, part, solid]) - own_radii[part]
 
-    def _touching(self, q: Array, placed: Array, objects: Array, tolerance: float) -> _Touching:
+    def _find_touching(self, q: Array, placed: Array, objects: Array, tolerance: float) -> _Touching:
         """The nearest part of each link, where it is within the tolerance or deeper, in the hand's own world."""
         grasps, parts, solids, _ = self._near(placed, objects, tolerance)
         request, result = self.distances.request, self.distances.result
@@ -239,14 +239,14 @@ class BulkScene:
             if best:
                 pin.computeJointJacobians(self.model, self.data, q[i])
             for _, part, solid, pose in best.values():
-                found = self._measured(part, pose, solid, here)
+                found = self._measure(part, pose, solid, here)
                 if found is None:
                     failed[i] = True
                 elif found[0] <= tolerance:
                     rows.append((i, part, solid, *found, *self._jacobian(part)))
         return _Touching(rows, failed, self.hand.n)
 
-    def _measured(
+    def _measure(
         self, part: int, pose: coal.Transform3s, solid: int, here: coal.Transform3s
     ) -> tuple[float, Array, Array] | None:
         """Gap [m], the point on the object's surface (3,), and the inward normal (3,): its own, not its parts'.
@@ -276,7 +276,7 @@ class BulkScene:
     def _way_out(
         self, part: HandPart, pose: coal.Transform3s, here: coal.Transform3s, normal: Array, off: float
     ) -> tuple[float, Array, Array] | None:
-        """As :meth:`_measured`, along the common normal to which that one (3,) leads, moved ``off`` [m] at first.
+        """As :meth:`_measure`, along the common normal to which that one (3,) leads, moved ``off`` [m] at first.
 
         Where the object is clear of the part, their nearest points tell the next normal. None: it leads to none.
         """
@@ -313,7 +313,7 @@ class BulkScene:
     ) -> tuple[Array, IntArray, Array]:
         """Corners (t, 4, 3) of the areas that touch, their counts (t,) and leanings (t, 4), in the hand's own world."""
         count = len(touching.grasp)
-        directions = tilted(touching.normals, lean)
+        directions = tilt(touching.normals, lean)
         mirrored = (
             directions
             - 2 * touching.normals[:, None] * np.einsum("tax,tx->ta", directions, touching.normals)[..., None]
@@ -392,7 +392,7 @@ def _spheres(parts: list[HandPart]) -> tuple[Array, Array, Array]:
     return centres, radii, (high - low) / 2
 
 
-def _moved(rotations: Array, vectors: Array) -> Array:
+def _turn(rotations: Array, vectors: Array) -> Array:
     """Vectors (t, 3) turned by rotations (t, 3, 3)."""
     found: Array = np.einsum("tij,tj->ti", rotations, vectors)
     return found

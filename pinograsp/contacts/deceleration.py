@@ -53,7 +53,7 @@ class DecelerationShape:
             object.__setattr__(self, name, value)
 
         text_of("name of the deceleration shape", self.name)
-        alpha = _normalised(self.alpha)
+        alpha = _normalise(self.alpha)
         lost = alpha.antiderivative()  # speed lost since the impact / (A tau)
         speed = float(lost(1.0))
         rate = PPoly(-lost.c, lost.x)
@@ -110,18 +110,18 @@ class DecelerationShape:
     def acceleration(self, u: ArrayLike) -> Array:
         """Deceleration / A at u (...), held at its end values outside [0, 1]."""
         # Clipped, since an extremum of 0 or 1 is met to rounding only.
-        deceleration: Array = np.minimum(np.maximum(self.alpha(_clipped(u)), 0.0), 1.0)
+        deceleration: Array = np.minimum(np.maximum(self.alpha(_clip(u)), 0.0), 1.0)
         return deceleration
 
     def rate(self, u: ArrayLike) -> Array:
         """Rate / (A tau) at u (...): ``speed_factor`` up to u = 0, zero from u = 1 on."""
         # The difference is exactly zero at u = 1; the maximum keeps rounding before it from turning the motion round.
-        rate: Array = np.maximum(self.speed_factor - self._lost(_clipped(u)), 0.0)
+        rate: Array = np.maximum(self.speed_factor - self._lost(_clip(u)), 0.0)
         return rate
 
     def depth(self, u: ArrayLike) -> Array:
         """Depth / (A tau^2) at u (...): zero up to u = 0, ``depth_factor`` from u = 1 on."""
-        depth: Array = self._depth(_clipped(u))
+        depth: Array = self._depth(_clip(u))
         return depth
 
     @property
@@ -148,7 +148,7 @@ class DecelerationShape:
         return _work_factor(self, number("contact exponent rho", rho, above=0))
 
 
-def _clipped(u: ArrayLike) -> Array:
+def _clip(u: ArrayLike) -> Array:
     phase = floats_of("u", u)
     if np.isnan(phase).any():
         raise InvalidInput(f"u: expected numbers, got {shown(phase.tolist())}")
@@ -166,7 +166,7 @@ def _numbers(name: str, value: ArrayLike, wanted: str, *, least: int) -> Array:
     return array
 
 
-def _normalised(alpha: PPoly) -> PPoly:
+def _normalise(alpha: PPoly) -> PPoly:
     """A private copy of ``alpha`` with maximum 1 on [0, 1]; :class:`InvalidInput` unless it is a shape."""
     if not isinstance(alpha, PPoly) or alpha.c.ndim != 2 or np.iscomplexobj(alpha.c):
         raise InvalidInput(

@@ -42,7 +42,7 @@ def close_jaws(scene: BulkScene, roots: Array) -> tuple[Array, Array, BoolArray]
     stops, touching = [], []
     for parts in jaws:
         q, touches = _stops(scene, roots, parts, opened, closed)
-        stops.append(_refined(scene, roots, parts, q, touches, limits))
+        stops.append(_refine(scene, roots, parts, q, touches, limits))
         touching.append(touches)
     q = np.mean(stops, axis=0)
     shift = np.zeros((len(roots), 3))
@@ -54,7 +54,7 @@ def close_jaws(scene: BulkScene, roots: Array) -> tuple[Array, Array, BoolArray]
     return q[:, None], moved, np.all(touching, axis=0)
 
 
-def _refined(
+def _refine(
     scene: BulkScene, roots: Array, parts: IntArray, q: Array, touching: BoolArray, limits: tuple[float, float]
 ) -> Array:
     """Where they touch the object itself (N,): its convex parts may fill hollows, by less than 2 mm as a rule."""

@@ -44,16 +44,16 @@ class SelfCollisions:
         self.reach = radii[self.pairs].sum(axis=1)
         coupled = [tuple(pair) for pair in self.pairs[_moved_by_one(model, *self.joints[self.pairs].T)].tolist()]
         if coupled:
-            linked = self._linked(hand, coupled)
+            linked = self._link(hand, coupled)
             free = np.array([(self.links[a], self.links[b]) not in linked for b, a in self.pairs.tolist()])
             self.pairs, self.reach = self.pairs[free], self.reach[free]
 
-    def _linked(self, hand: HandModel, coupled: list[tuple[int, int]]) -> set[tuple[str, str]]:
+    def _link(self, hand: HandModel, coupled: list[tuple[int, int]]) -> set[tuple[str, str]]:
         """Names of the links that overlap over half of the hand's range or more."""
         overlaps: Counter[tuple[str, str]] = Counter()
         for share in np.linspace(0.0, 1.0, _LOOKS):
             pin.forwardKinematics(self.model, self.data, hand.lower + share * (hand.upper - hand.lower))
-            at = {i: self._placed(i) for i in {i for pair in coupled for i in pair}}
+            at = {i: self._place(i) for i in {i for pair in coupled for i in pair}}
             overlaps.update({(self.links[a], self.links[b]) for b, a in coupled if self._collide(b, a, at[b], at[a])})
         return {names for names, count in overlaps.items() if 2 * count >= _LOOKS}
 
@@ -68,7 +68,7 @@ class SelfCollisions:
         apart = np.linalg.norm(np.subtract(*centres[self.pairs.T]), axis=1)
         found: set[tuple[str, str]] = set()
         near = self.pairs[apart <= self.reach].tolist()
-        at = {i: self._placed(i) for i in {i for pair in near for i in pair}}
+        at = {i: self._place(i) for i in {i for pair in near for i in pair}}
         for b, a in near:
             pair = (self.links[a], self.links[b])
             if pair not in found and self._collide(a, b, at[a], at[b]):
@@ -94,7 +94,7 @@ class SelfCollisions:
                     found[i] = k
         return found
 
-    def _placed(self, i: int) -> coal.Transform3s:
+    def _place(self, i: int) -> coal.Transform3s:
         one = self.objects[i]
         pose = self.data.oMi[one.parentJoint] * one.placement
         return coal.Transform3s(pose.rotation, pose.translation)

@@ -48,7 +48,7 @@ def support_shape(geometry: coal.CollisionGeometry) -> SupportShape | None:
     return None
 
 
-def tilted(normals: Array, lean: float) -> Array:
+def tilt(normals: Array, lean: float) -> Array:
     """Unit vectors (t, 8, 3) around unit normals (t, 3), off them by ``lean`` [rad].
 
     Of faces that lean less than this against each other, they find the corners.
@@ -62,7 +62,7 @@ def common_corners(one: Array, other: Array, points: Array, normals: Array) -> t
     """Corners of the area that two faces have in common, seen along the normals.
 
     Args:
-        one: supports (t, 8, 3) of one shape along :func:`tilted` normals [m].
+        one: supports (t, 8, 3) of one shape along normals tilted by :func:`tilt` [m].
         other: supports (t, 8, 3) of the other along the same, with the normal's part reversed [m].
         points: where the shapes touch (t, 3) [m].
         normals: unit normals (t, 3).

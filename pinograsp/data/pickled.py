@@ -231,7 +231,7 @@ class Unpickled(pickle._Unpickler):
             _, shape, kind, fortran, raw = state
             value.value = self.array(kind, shape, raw, bool(fortran))
         elif type(value) is _Type and type(state) is tuple and len(state) in (8, 9):
-            _ordered(value, state)
+            _order(value, state)
         else:
             raise PickleRefused(f"a {_kind(value)} gets a state: nothing of the file was run")
 
@@ -317,7 +317,7 @@ def _dtype(machine: Unpickled, text: Any, align: Any = False, copy: Any = True) 
     return _Type(text.lstrip("<>|="))
 
 
-def _ordered(kind: _Type, state: tuple[Any, ...]) -> None:
+def _order(kind: _Type, state: tuple[Any, ...]) -> None:
     _, order, subtype, names, fields, *_ = state
     if subtype is not None or names is not None or fields is not None or order not in ("<", ">", "|", "="):
         raise PickleRefused("an array of records: expected numbers, truth values, texts or objects")

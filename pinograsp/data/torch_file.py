@@ -184,16 +184,16 @@ def _tensor_opcodes(array: NDArray[Any], storages: list[NDArray[Any]]) -> bytes:
         (
             pickle.MARK,
             _opcodes("storage", storages),
-            _named("torch", _WRITTEN[stored.dtype]),
+            _pickle_name("torch", _WRITTEN[stored.dtype]),
             *(_opcodes(one, storages) for one in (key, "cpu", int(array.size))),
             pickle.TUPLE + pickle.BINPERSID,
         )
     )
-    no_hooks = _named("collections", "OrderedDict") + pickle.EMPTY_TUPLE + pickle.REDUCE
+    no_hooks = _pickle_name("collections", "OrderedDict") + pickle.EMPTY_TUPLE + pickle.REDUCE
     rest = b"".join(_opcodes(one, storages) for one in (0, array.shape, strides, False))
     arguments = pickle.MARK + storage + rest + no_hooks + pickle.TUPLE
-    return _named("torch._utils", "_rebuild_tensor_v2") + arguments + pickle.REDUCE
+    return _pickle_name("torch._utils", "_rebuild_tensor_v2") + arguments + pickle.REDUCE
 
 
-def _named(module: str, name: str) -> bytes:
+def _pickle_name(module: str, name: str) -> bytes:
     return pickle.GLOBAL + f"{module}\n{name}\n".encode()

@@ -101,7 +101,7 @@ class DenseMethod:
             done = step <= _SETTLED * max(1.0, float(np.abs(new).max()))
             if done or (cones is None and not curved and not proximal):
                 break
-            if count >= _PATIENCE and _closed(program, best):
+            if count >= _PATIENCE and _close(program, best):
                 break
             if cones is not None:
                 if lam is None:
@@ -112,7 +112,7 @@ class DenseMethod:
                     )
                 cones.learn(lam[size:])
             elif curved:
-                new, value = _descended(program, x, new, value)
+                new, value = _descend(program, x, new, value)
             x = new
             F = np.minimum(np.maximum(x[normal], program.lo), program.hi)
         return best
@@ -203,7 +203,7 @@ class _Cones:
         self.weight = np.maximum(lam[: self.k * self.facets].reshape(self.k, -1).sum(axis=1), 0.0)
 
 
-def _closed(program: Program, answer: ProgramAnswer) -> bool:
+def _close(program: Program, answer: ProgramAnswer) -> bool:
     """Whether x is as good as a certificate asks: with nearly linear objectives x drifts between equal optima."""
     if not len(answer.y):
         return False
@@ -212,7 +212,7 @@ def _closed(program: Program, answer: ProgramAnswer) -> bool:
     return gap <= 1e-7 * abs(value) and program.violations(answer.x)[0] <= 1e-9
 
 
-def _descended(program: Program, x: Array, new: Array, value: float) -> tuple[Array, float]:
+def _descend(program: Program, x: Array, new: Array, value: float) -> tuple[Array, float]:
     """The step, halved until the objective does not grow; halved steps stay feasible, as the constraints are convex."""
     n = program.k * program.d
     reached = program.value(new[:n])

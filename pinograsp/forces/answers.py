@@ -76,7 +76,7 @@ def certify_answer(
     Without multipliers the lower bound is the objective's least conceivable value. ``settle`` False: forces as they
     are.
     """
-    x, checks = (answer.x, answer.checks) if answer.checks is not None else _checked(program, answer, settle)
+    x, checks = (answer.x, answer.checks) if answer.checks is not None else _check(program, answer, settle)
     # No objective is negative; rounding may raise a sharp bound above the value.
     lower_bound = min(max(checks.lower_bound, -program.constant), checks.objective)
     F, unit, force = x[program.d - 1 :: program.d], program.objective_scale, program.force_scale
@@ -108,7 +108,7 @@ def forces_of(problem: ForceProblem, x: Array, force_scale: float) -> tuple[Arra
     return forces, z[:, 2] * widths[:, 2] if friction.d == 4 else np.zeros(problem.k)
 
 
-def _checked(program: Program, answer: ProgramAnswer, settle: bool) -> tuple[Array, Checks]:
+def _check(program: Program, answer: ProgramAnswer, settle: bool) -> tuple[Array, Checks]:
     """x with the balance's residual removed, unless it is not to be, and its checks."""
     x = answer.x
     violation, gauge, residual = program.violations(x)

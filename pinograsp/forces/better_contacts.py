@@ -87,7 +87,7 @@ def optimize_contacts(
             break
         better = None
         for _ in range(_SHRINKS):
-            tried = _moved(known, object, points - length / steepest * gradient, start, reach)
+            tried = _move(known, object, points - length / steepest * gradient, start, reach)
             found = optimize_forces(tried, impact_time, objective=objective, solver=solver)
             if _cost(found) < costs[-1]:
                 better = tried, found
@@ -121,7 +121,7 @@ def _on_surface(sensitivity: Sensitivity, body: Body, points: Array) -> Array:
     return gradient
 
 
-def _moved(problem: ForceProblem, body: Body, points: Array, start: Array, reach: float) -> ForceProblem:
+def _move(problem: ForceProblem, body: Body, points: Array, start: Array, reach: float) -> ForceProblem:
     """The problem with its contacts at the surface's points nearest to ``points``, none farther than ``reach`` from its
     start.
     """

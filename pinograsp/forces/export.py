@@ -80,7 +80,7 @@ def _program_of(problem: ForceProblem, impact_time: float, objective: Objective 
         force_scale=force,
         objective_scale=program.objective_scale,
         constant=program.constant * program.objective_scale,
-        judge=partial(_judged, problem, program, impact_time),
+        judge=partial(_judge, problem, program, impact_time),
     )
 
 
@@ -88,7 +88,7 @@ def _names(problem: ForceProblem) -> list[str]:
     return [contact.finger or f"contact {i + 1}" for i, contact in enumerate(problem.contacts.contacts)]
 
 
-def _judged(
+def _judge(
     problem: ForceProblem,
     program: Program,
     impact_time: float,

@@ -94,7 +94,7 @@ class _Search:
         low, high = self.problem.impact_time_range
         for t in dict.fromkeys((high, low)):
             self.visit(t)
-        self.keep(low, high, self.relaxed(low, high, -float("inf")))
+        self.keep(low, high, self.relax(low, high, -float("inf")))
         splits = 0
         while self.open and splits < _MOST and self.undecided < _UNDECIDED:
             bound, _, a, b = heapq.heappop(self.open)
@@ -113,7 +113,7 @@ class _Search:
             # Kept open while its halves are bounded: an interruption then still has a valid bound.
             heapq.heappush(self.open, (bound, -1, a, b))
             self.visit(middle)
-            left, right = self.relaxed(a, middle, bound), self.relaxed(middle, b, bound)
+            left, right = self.relax(a, middle, bound), self.relax(middle, b, bound)
             self.open.remove((bound, -1, a, b))
             heapq.heapify(self.open)
             self.keep(a, middle, left)
@@ -146,7 +146,7 @@ class _Search:
             self.proof = proof
         return found
 
-    def relaxed(self, a: float, b: float, parent: float) -> float:
+    def relax(self, a: float, b: float, parent: float) -> float:
         """Proven lower bound of the objective over t_I in [a, b]; infinite: the relaxation is proven infeasible."""
         problem = self.problem
         early, late = (energy_terms_at(problem, self.weights, t) for t in (a, b))

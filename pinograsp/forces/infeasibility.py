@@ -171,11 +171,11 @@ def extreme_multiple(program: Program, column: Array, sign: int) -> float | None
     positive = np.eye(1, n + 1, n)
     q = np.zeros(n + 1)
     q[n] = sign
-    bound, value = _bound(program, column, sign, sign * column, np.zeros(len(program.R))), None
+    bound, value = _find_bound(program, column, sign, sign * column, np.zeros(len(program.R))), None
     found = solve_linear(program, equal, program.b, q, least=positive, torques=True)
     if found is not None:
         z, y, w = found
-        bound = sign * max(sign * bound, sign * _bound(program, column, sign, y, w))
+        bound = sign * max(sign * bound, sign * _find_bound(program, column, sign, y, w))
         here = replace(program, b=program.b + max(0.0, z[n]) * column)
         if measure_miss(here, here.settled(z[:n], here.A @ z[:n] - here.b)) <= TOLERANCE.violation:
             value = max(0.0, float(z[n]))
@@ -189,14 +189,14 @@ def extreme_multiple(program: Program, column: Array, sign: int) -> float | None
             return bound / size
         if outside.proven > TOLERANCE.proof and outside.y @ column * sign <= 0:
             return None  # the proof holds on both sides of the bound
-        nearer = _bound(program, column, sign, outside.y, outside.w)
+        nearer = _find_bound(program, column, sign, outside.y, outside.w)
         if sign * (nearer - bound) <= 0:
             break
         bound = nearer
     return None if value is None else value / size
 
 
-def _bound(program: Program, column: Array, sign: int, y: Array, w: Array) -> float:
+def _find_bound(program: Program, column: Array, sign: int, y: Array, w: Array) -> float:
     """No s >= 0 beyond this has admissible forces, for any multipliers: sign s >= y . (A x - b), where y . column =
     sign.
 

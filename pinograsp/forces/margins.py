@@ -91,7 +91,7 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6, reaction:
     one_of("reaction", reaction, get_args(Reaction))
     if not solution.found:
         raise InvalidInput(f"margins: expected a solution with forces, got status '{solution.status}'")
-    problem = _unsafed(solution.problem)
+    problem = _drop_safety(solution.problem)
     friction, F = problem.friction, solution.normal_forces
     scale = friction.scale(problem.mu)
     tangential = np.linalg.norm(solution.forces_c[:, :2], axis=1)
@@ -106,7 +106,7 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6, reaction:
     springs = elastic_reaction(problem) if reaction == "elastic" else np.zeros((problem.k, problem.rows))
     factor = np.inf if holds(program, _HELD) else 0.0
     if np.any(program.b):
-        factor = 1.0 + _reached(program, program.b, springs)
+        factor = 1.0 + _find_reach(program, program.b, springs)
     program = _at(replace(problem, torques=None), F)
     ball = (
         _disturbances(program, tolerance)
@@ -178,7 +178,7 @@ def disturbance_margin(
         if one_of("reaction", reaction, get_args(Reaction)) == "elastic":
             springs = elastic_reaction(problem)
         program = _at(problem, normal)
-        return _reached(program, -scaled / program.force_scale, springs)
+        return _find_reach(program, -scaled / program.force_scale, springs)
     else:
         program = feasibility(problem, *problem.normal_force_range(problem.checked_impact_time(impact_time)))
         if np.any(program.lo > program.hi):
@@ -188,7 +188,7 @@ def disturbance_margin(
     return extreme_multiple(program, -scaled / program.force_scale, -1) or 0.0
 
 
-def _reached(program: Program, column: Array, springs: Array) -> float:
+def _find_reach(program: Program, column: Array, springs: Array) -> float:
     """Largest s >= 0 with forces that balance b + s column at the program's F_n, or -1 where there are none at s = 0.
 
     ``springs`` (k, rows): change of F_n per unit of a wrench that is added to the load.
@@ -231,7 +231,7 @@ def _sprung(program: Program, pick: Array, springs: Array) -> tuple[Program, Arr
     return free, np.block([[program.A, pick], [select, -changes]]), changes
 
 
-def _unsafed(problem: ForceProblem) -> ForceProblem:
+def _drop_safety(problem: ForceProblem) -> ForceProblem:
     """The problem at full mu and full torque limits, whatever the drives can choose under a disturbance."""
     friction, torques = problem.friction, problem.torques
     if torques is not None and (torques.headroom or torques.underactuation):

@@ -71,7 +71,7 @@ def refine_multipliers(
     scale = float(np.linalg.norm(H, axis=0).max(initial=0.0))
     bound = np.ones(2 * problem.k)
     if scale == 0:
-        return _certified(problem, normal, np.zeros((problem.k, 2)), solver, scale)
+        return _certify(problem, normal, np.zeros((problem.k, 2)), solver, scale)
     # Dimensionless, so that the solvers' tolerances mean the same for a millinewton and a kilonewton.
     H, b = H / scale, b / scale
     P = H.T @ H + _LEAST_NORM * np.eye(bound.size)
@@ -80,14 +80,14 @@ def refine_multipliers(
         # From the second pass on the weight pulls towards the last answer, not to zero, so its bias vanishes.
         found = solve_qp(solver, P, H.T @ b - _LEAST_NORM * k, lb=-bound, ub=bound)
         k = k if found is None else np.clip(found, -1.0, 1.0)
-        solution = _certified(problem, normal, k.reshape(-1, 2), solver, scale)
+        solution = _certify(problem, normal, k.reshape(-1, 2), solver, scale)
         if found is None or solution.status is not Status.INACCURATE or _may_balance(solution):
             break
     if _may_balance(solution):
         # Balance is not excluded: solve for it as an equation, without the small bias of the weight on ||k||.
         exact = _exact_balance(solver, H, b, bound)
         if exact is not None:
-            candidate = _certified(problem, normal, exact.reshape(-1, 2), solver, scale)
+            candidate = _certify(problem, normal, exact.reshape(-1, 2), solver, scale)
             if candidate.status is Status.OK or candidate.certificate.objective <= solution.certificate.objective:
                 solution = candidate
     return solution
@@ -107,9 +107,7 @@ def _exact_balance(solver: str, H: Array, b: Array, bound: Array) -> Array | Non
     return None if k is None else np.clip(k, -1.0, 1.0)
 
 
-def _certified(
-    problem: ForceProblem, normal: Array, multipliers: Array, solver: str, scale: float
-) -> MultiplierSolution:
+def _certify(problem: ForceProblem, normal: Array, multipliers: Array, solver: str, scale: float) -> MultiplierSolution:
     forces = problem.forces(normal, multipliers)
     residual = problem.residual(forces)
     scaled = np.concatenate([residual[:3], residual[3:] / problem.moment_length])[: problem.rows]

@@ -10,7 +10,7 @@ from pinograsp.checks import instance_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Objective
 from pinograsp.forces.solution import ConvexSolution
-from pinograsp.forces.solver import ForceSolver, certified
+from pinograsp.forces.solver import ForceSolver, certify_by_core
 from pinograsp.forces.solver_order import SolverName
 
 _MOST = 4  # impact times, objectives and solvers for which a problem's preparations are kept
@@ -62,7 +62,7 @@ def optimize_forces(
         known = key = None
     if known is not None:
         prepared, weights, at = known
-        found = certified(prepared, problem, weights, at, started)
+        found = certify_by_core(prepared, problem, weights, at, started)
         if found is not None:
             return found
     fresh = ForceSolver(problem, impact_time, objective=objective, solver=solver)

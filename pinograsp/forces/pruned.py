@@ -154,12 +154,12 @@ class _Search:
             np.maximum(hi, lo, out=hi)
             self.reject(g.BY_BALANCE, before - int((hi - lo).sum()))
 
-        def upcoming() -> IntArray:
+        def find_upcoming() -> IntArray:
             return np.where(lo < hi, prefix_cost + table.cost[np.minimum(lo, m - 1)], _NEVER)
 
         for known in self.cuts:
             cut(*known)
-        following = upcoming()
+        following = find_upcoming()
         while True:
             j = int(np.argmin(following))
             cost = int(following[j])
@@ -174,7 +174,7 @@ class _Search:
                 if lo[j] == cell[-1] and hi[j] > lo[j]:  # rounding kept the cell that the bound rejects
                     lo[j] += 1
                     self.reject(g.BY_BALANCE, 1)
-                following = upcoming()
+                following = find_upcoming()
                 continue
             multipliers = self.accept(table, cell, refined)
             lo[j] += 1

@@ -56,10 +56,10 @@ def unregister_solver(name: str) -> None:
     Raises:
         InvalidInput: no solver was registered under this name.
     """
-    del _SOLVERS[one_of("registered solver", name, registered())]
+    del _SOLVERS[one_of("registered solver", name, list_registered())]
 
 
-def registered(takes: Takes | None = None) -> tuple[str, ...]:
+def list_registered(takes: Takes | None = None) -> tuple[str, ...]:
     """Names of the registered solvers, or of those that take such programs."""
     return tuple(name for name, solver in _SOLVERS.items() if takes in (None, solver.takes))
 
@@ -73,7 +73,7 @@ def ask_solver(name: str, program: QuadraticProgram | ConicProgram) -> Answered 
     kind = QuadraticProgram if isinstance(program, QuadraticProgram) else ConicProgram
     parts_of = {field.name: getattr(program, field.name) for field in fields(kind)}
     own: dict[str, Any] = {part: one if isinstance(one, Cones) else one.copy() for part, one in parts_of.items()}
-    found = _SOLVERS[one_of("solver", name, registered())].function(kind(**own))
+    found = _SOLVERS[one_of("solver", name, list_registered())].function(kind(**own))
     # Solutions of qpsolvers and Clarabel have these attributes, too.
     if found is None or not getattr(found, "found", True):
         return None

@@ -86,10 +86,10 @@ class Relaxation:
             share = nothing + (_part(setup, self.limit) - nothing) / f
             return replace(setup, reserve=replace(reserve, **{part: share}))
         if self.limit == "torque_limit":
-            limit = None if setup.limit is None else self._raised(setup.limit)
+            limit = None if setup.limit is None else self._raise_limits(setup.limit)
             torques = problem.torques
             if torques is not None:
-                changed["torques"] = replace(torques, limit=self._raised(torques.limit))
+                changed["torques"] = replace(torques, limit=self._raise_limits(torques.limit))
             return replace(setup, problem=replace(problem, **changed), limit=limit)
         if self.limit == "mass":
             changed["load"] = problem.load / f
@@ -111,7 +111,7 @@ class Relaxation:
             changed[self.limit] = getattr(problem, self.limit) * f
         return replace(setup, problem=replace(problem, **changed))
 
-    def _raised(self, limit: Array) -> Array:
+    def _raise_limits(self, limit: Array) -> Array:
         factors = np.full(len(limit), 1.0 if self.joints else self.factor)
         factors[list(self.joints)] = self.factor
         return np.asarray(factors * limit)

@@ -142,7 +142,7 @@ class RobustProgram:
         self.select, facets, second, sizes = cone_rows(p.matrices)
         rows = Triplets(self.k, self.per_load)
         rows.of_every_load(p.A, s, self.shares)
-        b = [(self.targets - self.reacting(p.A)).ravel()]
+        b = [(self.targets - self.react_to(p.A)).ravel()]
         if self.radius:
             tangential = p.A.reshape(self.rows, k, p.d)[:, :, :-1].reshape(self.rows, -1)
             # A_t L = -1. Column order of L: (contact, component, row), so this is a Kronecker product.
@@ -161,7 +161,7 @@ class RobustProgram:
         limits = np.hstack([np.zeros((s, len(facets))), self.R_hi, -self.R_lo])
         if not self.radius:
             rows.of_every_load(linear, s, self.shares)
-            b.append((limits - self.reacting(linear)).ravel())
+            b.append((limits - self.react_to(linear)).ravel())
         self.caps_at, caps = rows.height, self.problem.max_normal_force
         if self.first < s and caps is not None:
             rows.of_every_load(self.select, s, self.shares)
@@ -172,7 +172,7 @@ class RobustProgram:
             b.append(np.zeros(k))
         inequalities = rows.height - self.equalities
         rows.of_every_load(second, s, self.shares)
-        b.append(-self.reacting(second).ravel())
+        b.append(-self.react_to(second).ravel())
         sizes = sizes * s
         if self.radius:
             sizes = sizes + self.ball_rows(rows, b, linear, limits)
@@ -186,7 +186,7 @@ class RobustProgram:
         cones += [clarabel.PowerConeT(1 / power) for _, power in self.curved for _ in range(k)]
         return rows.matrix(self.size), np.concatenate(b), cones
 
-    def reacting(self, rows: Array) -> Array:
+    def react_to(self, rows: Array) -> Array:
         """What the changes of the normal forces add to rows on x, for every load (s, rows)."""
         found: Array = self.changes @ rows.reshape(len(rows), self.k, self.program.d)[:, :, -1].T
         return found
@@ -198,7 +198,7 @@ class RobustProgram:
         p = self.program
         across = linear.reshape(len(linear), self.k, p.d)[:, :, :-1].reshape(len(linear), self.per_load)
         along = linear.reshape(len(linear), self.k, p.d)[:, :, -1]
-        reacting = self.reacting(linear)
+        reacting = self.react_to(linear)
         for s in range(self.s):
             for own, reach, limit in zip(along, across, limits[s] - reacting[s]):
                 # limit - row . x >= radius |L' row|

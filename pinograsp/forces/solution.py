@@ -263,16 +263,16 @@ class GridSolution(ForceSolution):
                 "with multipliers off the grid some cells do balance: refine the multiplier grid or use search='hybrid'"
             )
         force, moment = self.residual[:3], self.residual[3:]
-        text = f"closest to balance: {np.linalg.norm(force):.3g} N left, along {_rounded(force, 3)} N"
+        text = f"closest to balance: {np.linalg.norm(force):.3g} N left, along {_round(force, 3)} N"
         if self.problem.balance == "wrench":
-            text += f", and {np.linalg.norm(moment):.3g} N m, along {_rounded(moment, 5)} N m"
+            text += f", and {np.linalg.norm(moment):.3g} N m, along {_round(moment, 5)} N m"
         return text
 
     def _closest_residual(self) -> Array:
         return self.grid.closest
 
 
-def _rounded(values: Array, decimals: int) -> list[float]:
+def _round(values: Array, decimals: int) -> list[float]:
     """Without negative zeros."""
     found: list[float] = (np.round(values, decimals) + 0.0).tolist()
     return found

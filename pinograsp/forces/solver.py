@@ -81,7 +81,7 @@ class ForceSolver:
         """
         started = time.perf_counter()
         problem = self.problem if load is None else self.problem.with_load(load)
-        found = certified(self.prepared, problem, self.weights, self.impact_time, started)
+        found = certify_by_core(self.prepared, problem, self.weights, self.impact_time, started)
         if found is not None:
             return found
         program = assemble(self._matrices, problem.scaled_load, self._terms, *self._bounds)
@@ -89,7 +89,7 @@ class ForceSolver:
         return solution_of(problem, outcome, impact_time=self.impact_time, weights=self.weights.copy(), started=started)
 
 
-def certified(
+def certify_by_core(
     prepared: PreparedForces | None,
     problem: ForceProblem,
     weights: Mapping[str, float],

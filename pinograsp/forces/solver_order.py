@@ -21,7 +21,7 @@ from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.program import Program
-from pinograsp.forces.registry import Takes, ask_solver, register, registered
+from pinograsp.forces.registry import Takes, ask_solver, list_registered, register
 from pinograsp.forces.solvers import OwnQPSolver, qp_solvers
 from pinograsp.forces.template import Template
 
@@ -39,7 +39,7 @@ _DENSE_UP_TO = 20
 
 def available_solvers() -> tuple[str, ...]:
     """Names that ``solver=`` takes here: the compiled methods, every solver that qpsolvers finds, registered ones."""
-    return ("auto", *COMPILED, *dict.fromkeys((*qp_solvers(), *registered())))
+    return ("auto", *COMPILED, *dict.fromkeys((*qp_solvers(), *list_registered())))
 
 
 def check_solver(name: str) -> str:
@@ -144,7 +144,7 @@ class SolverOrder:
             return solve_program(problem, program, self.template, name)
         if name == "clarabel":
             return self._over_cones(program).solve(program)
-        if name in registered("socp"):
+        if name in list_registered("socp"):
             method = self._over_cones(program)
             found = ask_solver(name, method.standard_form(program))
             answer = None if found is None else method.answer(program, found.x, found.z)

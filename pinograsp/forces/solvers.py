@@ -11,7 +11,7 @@ import qpsolvers
 import scipy.sparse as sp
 
 from pinograsp.checks import one_of
-from pinograsp.forces.registry import Answered, ask_solver, registered
+from pinograsp.forces.registry import Answered, ask_solver, list_registered
 from pinograsp.forces.standard_form import QuadraticProgram
 from pinograsp.spatial import Array, BoolArray
 
@@ -51,7 +51,7 @@ _NO_INFINITY = ("ecos",)  # bounds that are infinite must not be handed to them
 
 def qp_solvers() -> tuple[str, ...]:
     """Names of all QP solvers that are there: those that qpsolvers finds, and registered ones that take QPs."""
-    return (*qpsolvers.available_solvers, *registered("qp"))
+    return (*qpsolvers.available_solvers, *list_registered("qp"))
 
 
 def solve_qp(
@@ -72,7 +72,7 @@ def solve_qp(
     rows = none if A is None or b is None else (A, b)
     low, high = np.full(n, -np.inf) if lb is None else lb, np.full(n, np.inf) if ub is None else ub
     qp = QuadraticProgram(P=P, q=q, G=none[0], h=none[1], A=rows[0], b=rows[1], lb=low, ub=high)
-    found = _solved(solver, qp, only_found=True)
+    found = _solve(solver, qp, only_found=True)
     return None if found is None else found.x
 
 
@@ -107,7 +107,7 @@ def solve_rows(
         x, _, flag, info = daqp.solve(H, f, C, upper, lower, sense, eps_prox=0.0, **TOLERANCES["daqp"])
         return (x, info["lam"]) if flag > 0 and np.isfinite(x).all() else None
     qp, high, low = quadratic(H, f, C, lower, upper, equalities)
-    found = _solved(solver, qp)
+    found = _solve(solver, qp)
     if found is None:
         return None
     x, y, z, z_box = found
@@ -124,9 +124,9 @@ def solve_rows(
     return x, lam
 
 
-def _solved(solver: str, qp: QuadraticProgram, *, only_found: bool = False) -> Answered | None:
+def _solve(solver: str, qp: QuadraticProgram, *, only_found: bool = False) -> Answered | None:
     """The answer of a solver; None where it has none. ``only_found``: nor where it does not call it a solution."""
-    if solver in registered():
+    if solver in list_registered():
         return ask_solver(solver, qp)
     one_of("solver", solver, qp_solvers())
     try:

@@ -63,7 +63,7 @@ def force_closure(
     closed = rank == problem.rows and margin > 1e-8
     separating = np.zeros(6)
     if not closed:
-        separating[: problem.rows] = _separating(problem, A, rank, y)
+        separating[: problem.rows] = _separate(problem, A, rank, y)
     return ForceClosure(closed=closed, rank=rank, margin=max(margin, 0.0), separating=read_only(separating))
 
 
@@ -128,7 +128,7 @@ def _interior(problem: ForceProblem) -> tuple[float, Array]:
     return margin, found[1][: problem.rows]
 
 
-def _separating(problem: ForceProblem, A: Array, rank: int, y: Array) -> Array:
+def _separate(problem: ForceProblem, A: Array, rank: int, y: Array) -> Array:
     """A unit direction that no contact force opposes: y . A x >= 0 for every x in the cones."""
     if rank < problem.rows:
         return np.linalg.svd(A)[0][:, -1]

@@ -84,7 +84,7 @@ def joint_trajectory(
     pressing = interpolate(clock - path.begin, motion.times, motion.torques - own)
     effort = inverse_dynamics(hand, q, dq, ddq, gravity_o=plan.gravity_o) + pressing
 
-    wanted, played = _compared(motion, path, clock, (q, dq, ddq), half)
+    wanted, played = _compare(motion, path, clock, (q, dq, ddq), half)
     off = _contact_deviation(hand, plan, wanted, played)
     t_I, t_F = float(motion.times[motion.impact]), float(motion.times[-1])
     return JointTrajectory(
@@ -173,7 +173,7 @@ def _path(motion: Motion, origin: np.ndarray, lead: float, half: float) -> _Path
     )
 
 
-def _compared(
+def _compare(
     motion: Motion, path: _Path, clock: np.ndarray, samples: tuple[np.ndarray, ...], half: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The plan's positions, and what a controller makes of the samples (s, n): at the plan's samples, half-way between,

@@ -44,7 +44,7 @@ def read_table(path: Path) -> tuple[list[str], Array]:
     content = _content(path)
     try:
         lines = io.StringIO(content.decode("utf-8-sig"), newline="")
-        names = next(filter(None, csv.reader(_bounded(lines))), None)
+        names = next(filter(None, csv.reader(_limit_lines(lines))), None)
         if names is None:
             raise ValueError("got no line")
         first = next((line for line in lines if line.strip()), None)
@@ -60,7 +60,7 @@ def read_table(path: Path) -> tuple[list[str], Array]:
             raise ValueError("got numbers that are not finite")
     except (ValueError, csv.Error) as error:
         raise InvalidInput(
-            f"{_told(path)}: expected a line of names, then lines of as many numbers each, with commas between: "
+            f"{_quote_path(path)}: expected a line of names, then lines of as many numbers each, with commas between: "
             f"{one_line(error)}"
         ) from error
     return names, values
@@ -74,7 +74,7 @@ def make_trajectory(path: Path, header: list[str], values: Array) -> JointTrajec
     names = [name.rpartition("/")[0] for name in header[1 : n + 1]]
     if not values.size or header != ["time", *(f"{name}/{kind}" for kind in kinds for name in names)]:
         raise InvalidInput(
-            f"{_told(path)}: expected columns time, JOINT/{', JOINT/'.join(FIELDS)}, got "
+            f"{_quote_path(path)}: expected columns time, JOINT/{', JOINT/'.join(FIELDS)}, got "
             f"{', '.join(name[:60] for name in header[:9])}..."
         )
     q, dq, ddq, effort, *rest = np.split(values[:, 1:], len(kinds), axis=1)
@@ -97,7 +97,7 @@ def read_ros2(path: str | Path) -> JointTrajectory:
     """
     path = path_of("path", path)
     suffix = one_of("suffix of a ROS 2 message", path.suffix.lower(), SUFFIXES)
-    content, told = _content(path), _told(path)
+    content, told = _content(path), _quote_path(path)
     try:
         if suffix == ".json":
             documents = [plain_json(content, _DEEPEST, _MOST)]
@@ -125,14 +125,14 @@ def _content(path: Path) -> bytes:
         return read_bytes(path, _LARGEST)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
-        raise InvalidInput(f"{_told(path)} cannot be read: {why}") from error
+        raise InvalidInput(f"{_quote_path(path)} cannot be read: {why}") from error
 
 
-def _told(path: Path) -> str:
+def _quote_path(path: Path) -> str:
     return shown(str(path)[:300])
 
 
-def _bounded(lines: io.StringIO) -> Iterator[str]:
+def _limit_lines(lines: io.StringIO) -> Iterator[str]:
     """The lines that names may take, and no more."""
     left = _LONGEST
     for line in lines:
@@ -177,7 +177,7 @@ def _instead(documents: list[Any], empty: int, full: int) -> str:
 
 
 def _trajectory(message: dict[str, Any]) -> JointTrajectory:
-    names, points = (_listed(key, message[key]) for key in ("joint_names", "points"))
+    names, points = (_check_list(key, message[key]) for key in ("joint_names", "points"))
     for name in names:
         if not isinstance(name, str | int) or isinstance(name, bool):
             raise InvalidInput(f"joint_names: expected texts, got {shown(name)}")
@@ -188,7 +188,7 @@ def _trajectory(message: dict[str, Any]) -> JointTrajectory:
         times.append(_seconds(f"time_from_start of point {i}", point.get("time_from_start")))
     columns = {}
     for key, attribute in MESSAGE.items():
-        rows = [_listed(key, point.get(key) or []) for point in points]
+        rows = [_check_list(key, point.get(key) or []) for point in points]
         if key == "positions" and not all(rows):
             raise InvalidInput(f"positions: expected those of every point, got none at {rows.index([])}")
         columns[attribute] = array_of(key, [row or [0.0] * len(names) for row in rows], (len(points), len(names)))
@@ -202,7 +202,7 @@ def _trajectory(message: dict[str, Any]) -> JointTrajectory:
     )
 
 
-def _listed(key: str, value: object) -> list[Any]:
+def _check_list(key: str, value: object) -> list[Any]:
     """A list of a message, all of it."""
     if not isinstance(value, list):
         raise InvalidInput(f"{key}: expected a list, got {shown(value)}")

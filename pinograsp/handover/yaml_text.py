@@ -10,8 +10,8 @@ def write_yaml(message: dict[str, Any]) -> str:
     inner = message.get("trajectory", message)
     header = inner["header"]
     lines = [
-        f"header: {{stamp: {{sec: 0, nanosec: 0}}, frame_id: {_quoted(header['frame_id'])}}}",
-        f"joint_names: [{', '.join(map(_quoted, inner['joint_names']))}]",
+        f"header: {{stamp: {{sec: 0, nanosec: 0}}, frame_id: {_quote(header['frame_id'])}}}",
+        f"joint_names: [{', '.join(map(_quote, inner['joint_names']))}]",
         "points:",
     ]
     for point in inner["points"]:
@@ -31,14 +31,14 @@ def write_gripper_yaml(message: dict[str, Any]) -> str:
     inner = message["command"]
     lines = [
         "command:",
-        f"  header: {{stamp: {{sec: 0, nanosec: 0}}, frame_id: {_quoted(inner['header']['frame_id'])}}}",
-        f"  name: [{', '.join(map(_quoted, inner['name']))}]",
+        f"  header: {{stamp: {{sec: 0, nanosec: 0}}, frame_id: {_quote(inner['header']['frame_id'])}}}",
+        f"  name: [{', '.join(map(_quote, inner['name']))}]",
         *(f"  {name}: [{', '.join(map(_digits, inner[name]))}]" for name in ("position", "velocity", "effort")),
     ]
     return "\n".join(lines) + "\n"
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     """In double quotes: with YAML's own escapes, JSON's pairs of surrogates mean something else there."""
     return '"' + "".join(f"\\{c}" if c in '"\\' else c if c.isprintable() else f"\\U{ord(c):08x}" for c in text) + '"'
 

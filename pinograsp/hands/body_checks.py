@@ -52,7 +52,7 @@ def mend_bodies(
             heavy.append(f"{body.link} ({mass:.3g} kg within {1e3 * body.within(whole):.3g} mm)")
         if body.too_wide(whole) or (mass > 0 and body.known and moment < _LEAST * mass * body.reach**2):
             placeholders.append(f"{body.link} ({moment:.3g} kg m^2 for {1e3 * mass:.3g} g)")
-            model.inertias[body.joint] = _scaled(body.solid or _ball(mass), body.inertia)
+            model.inertias[body.joint] = _scale(body.solid or _ball(mass), body.inertia)
         elif body.moments[0] > 0 and moments_problem(body.moments, np.inf):
             crooked.append(body.link)
     for names, text in (
@@ -151,7 +151,7 @@ def _points(shape: coal.CollisionGeometry) -> Array:
     return points
 
 
-def _scaled(shape: pin.Inertia, given: pin.Inertia) -> pin.Inertia:
+def _scale(shape: pin.Inertia, given: pin.Inertia) -> pin.Inertia:
     """The mass and centre of mass that are given, with the inertia that a shape has about its own."""
     return pin.Inertia(given.mass, given.lever, given.mass / shape.mass * shape.inertia)
 

@@ -96,7 +96,7 @@ def resolve(couplings: dict[str, Coupling], types: Mapping[str, str | None]) -> 
     return direct, problems
 
 
-def narrowed(limits: dict[str, Limits], couplings: dict[str, Coupling], notes: list[str]) -> dict[str, Limits]:
+def narrow_limits(limits: dict[str, Limits], couplings: dict[str, Coupling], notes: list[str]) -> dict[str, Limits]:
     """Positions and velocities of the joints that follow none, narrowed by the limits of those that they move."""
     free = {name: one for name, one in limits.items() if name not in couplings}
     for name, coupling in couplings.items():

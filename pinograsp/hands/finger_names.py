@@ -67,7 +67,7 @@ def names_of(chains: list[list[Part]], labels: Labels) -> list[str]:
             if len(set(sided)) == len(sided) and all(map(_side, chains)):
                 return sided
     names = _own_parts(_prefixes(chains)) if len(chains) > 1 else _prefixes(chains)
-    words = _telling([_only_word(one, _WORDS) for one in _together(chains)]) or [""] * len(chains)
+    words = _tell_apart([_only_word(one, _WORDS) for one in _together(chains)]) or [""] * len(chains)
     sides = [_side(chain) for chain in chains]
     told = [f"{side}_{word}" if word else name for side, word, name in zip(sides, words, names)]
     sure = all(side for side, word in zip(sides, words) if word) and len(set(told)) == len(told)
@@ -83,12 +83,12 @@ def _guesses(chains: list[list[Part]], labels: Labels) -> Iterator[list[str]]:
     yield [_finger_word(chain) for chain in chains]
     yield [_only_word(names, _WORDS) for names in together]
     for names in (joints, links, tips):
-        yield from _abbreviated(names)
-    yield _telling([_only_word(names, _WORDS | _CODES) for names in together])
+        yield from _abbreviate(names)
+    yield _tell_apart([_only_word(names, _WORDS | _CODES) for names in together])
     for owned in labels.values():
         names = [[name for one in _owners(chain) for name in owned.get(one, ())] for chain in chains]
         yield [_only_word(one, _WORDS) for one in names]
-        yield from _abbreviated(names)
+        yield from _abbreviate(names)
 
 
 def _together(chains: list[list[Part]]) -> list[list[str]]:
@@ -128,7 +128,7 @@ def _only_word(names: Iterable[str], words: Mapping[str, str]) -> str:
     return next(iter(found)) if len(found) == 1 else ""
 
 
-def _abbreviated(names: list[list[str]]) -> Iterator[list[str]]:
+def _abbreviate(names: list[list[str]]) -> Iterator[list[str]]:
     """Yield the words for the fingers that stand at the same place of all their names, counted from either end."""
     split = [[_tokens(name) for name in own] for own in names]
     if not all(split) or not split:
@@ -136,10 +136,10 @@ def _abbreviated(names: list[list[str]]) -> Iterator[list[str]]:
     shortest = min(len(tokens) for own in split for tokens in own)
     for place in (*range(shortest), *range(-shortest, 0)):
         found = [{_code(tokens[place]) for tokens in own} for own in split]
-        yield _telling([one.pop() if len(one) == 1 else "" for one in found])
+        yield _tell_apart([one.pop() if len(one) == 1 else "" for one in found])
 
 
-def _telling(words: list[str]) -> list[str]:
+def _tell_apart(words: list[str]) -> list[str]:
     """The words where they are those of a hand; else none."""
     return words if len(_TELLING.intersection(words)) > 1 else []
 

@@ -20,7 +20,7 @@ from pinograsp.hands.mesh_file import (
     MOST_BYTES,
     MOST_TRIANGLES,
     collision_model,
-    joined,
+    join_vertices,
     read_triangles,
     tells_unit,
 )
@@ -110,7 +110,7 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
 def form_of(shape: Shape) -> coal.CollisionGeometry:
     """A shape for coal; ValueError, OSError: why its mesh cannot be used."""
     if shape.triangles is not None:
-        return collision_model(*joined(*shape.triangles))
+        return collision_model(*join_vertices(*shape.triangles))
     return read_mesh(shape.path, shape.size) if shape.kind == "mesh" else PRIMITIVES[shape.kind](*shape.size)
 
 
@@ -190,7 +190,7 @@ def _content_of(path: str) -> str:
 @functools.lru_cache(maxsize=2)
 def _triangles(path: str, content: str) -> tuple[Array, IntArray]:
     """Those of a file, with every place given once; kept, since many shapes may be the same file in other sizes."""
-    return joined(*read_triangles(Path(path)))
+    return join_vertices(*read_triangles(Path(path)))
 
 
 @functools.lru_cache(maxsize=64)
@@ -214,7 +214,7 @@ def read_mesh(path: str, scale: tuple[float, ...] = (1.0, 1.0, 1.0)) -> coal.BVH
 
 def solid(shape: coal.CollisionGeometry, density: float) -> pin.Inertia | None:
     """Mass and inertia of a shape filled evenly [kg/m^3], of the hull of an open mesh; None without volume."""
-    open_mesh = isinstance(shape, coal.BVHModelBase) and not _closed(shape)
+    open_mesh = isinstance(shape, coal.BVHModelBase) and not _close(shape)
     for body in (None if open_mesh else shape, hull_of(shape)):
         if body is None:
             continue
@@ -230,7 +230,7 @@ def solid(shape: coal.CollisionGeometry, density: float) -> pin.Inertia | None:
     return None
 
 
-def _closed(mesh: coal.BVHModelBase) -> bool:
+def _close(mesh: coal.BVHModelBase) -> bool:
     """Whether every edge of a mesh borders two triangles, once in each direction."""
     triangles = np.array([[t[0], t[1], t[2]] for t in map(mesh.tri_indices, range(mesh.num_tris))])
     _, same = np.unique(mesh.vertices(), axis=0, return_inverse=True)  # files repeat a vertex for every triangle
@@ -300,7 +300,7 @@ def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[s
     """
     wanted = {model.getJointId(joint) for joint in unweighed}
     for j in range(1, model.njoints):
-        if _moved(model, j) <= 0:
+        if _sum_moved_mass(model, j) <= 0:
             wanted.update(model.subtrees[j])
     filled = []
     for j in sorted(wanted):
@@ -315,7 +315,7 @@ def fill_masses(model: pin.Model, geometry: pin.GeometryModel, unweighed: list[s
         notes.append(f"neither masses nor shapes to take them from, so massless: {', '.join(massless)}")
 
 
-def _moved(model: pin.Model, joint: int) -> float:
+def _sum_moved_mass(model: pin.Model, joint: int) -> float:
     """The mass that a joint moves [kg]."""
     return float(sum(model.inertias[i].mass for i in model.subtrees[joint]))
 
@@ -327,7 +327,7 @@ def moving_nothing(model: pin.Model) -> list[str]:
     together: dict[int, float] = {}  # what a motor moves, by its position in q
     for j in range(1, model.njoints):
         i = model.joints[j].idx_v
-        together[i] = together.get(i, 0.0) + _moved(model, j)
+        together[i] = together.get(i, 0.0) + _sum_moved_mass(model, j)
     return [
         model.names[j]
         for j in range(1, model.njoints)

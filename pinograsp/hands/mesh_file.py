@@ -52,7 +52,7 @@ def read_triangles(path: Path, *, corners_alone: bool = False) -> tuple[Array, I
     read = load(path, corners_alone=corners_alone, force="mesh")
     if not isinstance(read, trimesh.Trimesh):
         raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got a {type(read).__name__}")
-    return checked(read.vertices, read.faces)
+    return check_triangles(read.vertices, read.faces)
 
 
 def load(path: Path, *, corners_alone: bool = False, **settings: Any) -> trimesh.parent.Geometry:
@@ -97,7 +97,7 @@ def tells_unit(path: str) -> bool:
     return path.lower().endswith(".dae")
 
 
-def checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
+def check_triangles(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
     """Vertices (n, 3) and faces (m, 3) that compiled code may be given; ValueError where they are anything else."""
     try:
         vertices, faces = np.asarray(vertices, dtype=float), np.asarray(faces)
@@ -124,7 +124,7 @@ def _corners_alone(content: bytes) -> bytes:
     return b"\n".join(re.sub(rb"/\S*", b"", line) if line[:1] == b"f" else line for line in lines) + b"\n"
 
 
-def joined(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
+def join_vertices(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     """The same triangles with every place given once, in the order of the first use."""
     _, first, same = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)

@@ -85,7 +85,7 @@ class MjcfDocument:
                     continue
                 place = list(parent).index(child)
                 parent.remove(child)
-                opened = self._opened(child, path, above)
+                opened = self._open(child, path, above)
                 if opened is None:
                     continue
                 found, included = opened
@@ -97,7 +97,7 @@ class MjcfDocument:
 
     def _attach(self, asset: ElementTree.Element, path: Path, above: tuple[Path, ...]) -> None:
         """Read a model that may be attached, and name it by what MuJoCo is given for it."""
-        opened = self._opened(asset, path, above)
+        opened = self._open(asset, path, above)
         if opened is None:
             return
         found, element = opened
@@ -106,7 +106,7 @@ class MjcfDocument:
         self.models[key] = b""  # the name is taken while its own are read
         self.models[key] = self.read(element, found, above).encode()
 
-    def _opened(
+    def _open(
         self, element: ElementTree.Element, path: Path, above: tuple[Path, ...]
     ) -> tuple[Path, ElementTree.Element] | None:
         """The file that an element names, and its outermost element; None and a problem where it cannot be used."""
@@ -169,7 +169,7 @@ class MjcfDocument:
 
     def _check_copies(self, element: ElementTree.Element) -> None:
         """Refuse repetitions that would make more elements than are read."""
-        for times, one in _copied(element):
+        for times, one in _copy(element):
             self._size += times * sum(1 for _ in one.iter())
             if self._size > MOST_ELEMENTS:
                 raise HandNotLoaded(
@@ -177,7 +177,7 @@ class MjcfDocument:
                 )
 
 
-def _copied(element: ElementTree.Element) -> Iterator[tuple[int, ElementTree.Element]]:
+def _copy(element: ElementTree.Element) -> Iterator[tuple[int, ElementTree.Element]]:
     """Yield what is repeated and how often, those inside of others as often as these."""
     waiting = [(element, 1)]
     while waiting:

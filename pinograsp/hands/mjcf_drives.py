@@ -165,13 +165,13 @@ class _Couplings:
     def _couple(self, joint: str, coupling: Coupling) -> None:
         """Add a coupling between joints that may be coupled already; a problem where it contradicts the others."""
 
-        def led(name: str) -> Coupling:
+        def find_leader(name: str) -> Coupling:
             own = Coupling(followed=name, factor=1.0, offset=0.0)
             while own.followed in self.couplings:
                 own = own.after(self.couplings[own.followed])
             return own
 
-        one, other = led(joint), coupling.after(led(coupling.followed))
+        one, other = find_leader(joint), coupling.after(find_leader(coupling.followed))
         if one.followed != other.followed:  # the leader of one group follows that of the other
             self.couplings[one.followed] = one.inverse(joint).after(other)
         elif not np.allclose([one.factor, one.offset], [other.factor, other.offset], rtol=1e-9, atol=1e-12):

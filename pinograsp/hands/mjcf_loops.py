@@ -70,7 +70,7 @@ def close_loops(
     found: dict[str, Coupling] = {}
     closed: list[Loop] = []
     for motor, group in groups.items():
-        if (fitted := _fitted(tree, motor, group)) is None:
+        if (fitted := _fit(tree, motor, group)) is None:
             continue
         lines, off = fitted
         found |= lines
@@ -81,7 +81,7 @@ def close_loops(
     return found, [loop for loop in loops if loop not in closed]
 
 
-def _fitted(tree: _Linkage, motor: str, loops: list[Loop]) -> tuple[dict[str, Coupling], float] | None:
+def _fit(tree: _Linkage, motor: str, loops: list[Loop]) -> tuple[dict[str, Coupling], float] | None:
     """Lines of the joints in loops over a motor's range, and how far these leave the loops open [m]."""
     names = list(
         dict.fromkeys(joint for loop in loops for joint in tree.between(*loop.links) if tree.free(joint, motor))

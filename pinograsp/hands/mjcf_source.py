@@ -75,7 +75,7 @@ def compile_file(name: str, element: ElementTree.Element, path: Path, trusted: b
             spec = mujoco.MjSpec.from_string(text, include=document.models)
     except ValueError as error:
         raise _refusal(name, error) from error
-    return _compiled(name, spec, document.notes)
+    return _compile_spec(name, spec, document.notes)
 
 
 def compile_spec(name: str, spec: mujoco.MjSpec) -> Compiled:
@@ -118,7 +118,7 @@ def _refusal(name: str, error: Exception) -> HandNotLoaded:
 # -- compiled ----------------------------------------------------------------------------------------------------------
 
 
-def _compiled(name: str, spec: mujoco.MjSpec, notes: list[str]) -> Compiled:
+def _compile_spec(name: str, spec: mujoco.MjSpec, notes: list[str]) -> Compiled:
     """Compile a specification in which files are named by whole paths, after these were read."""
     found = Compiled(None, _given_name(spec), notes=notes)
     _keep_everything(spec)

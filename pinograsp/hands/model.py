@@ -144,7 +144,7 @@ class HandModel:
         return self.describe()
 
     def __reduce__(self) -> tuple[Callable[..., HandModel], tuple[object, ...]]:
-        return _unpickled, tuple(getattr(self, field.name) for field in fields(self))
+        return _unpickle, tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def n(self) -> int:
@@ -389,7 +389,7 @@ class HandModel:
         return "\n".join(describe_hand(self))
 
 
-def _unpickled(*values: Any) -> HandModel:
+def _unpickle(*values: Any) -> HandModel:
     hand = HandModel(**{field.name: value for field, value in zip(fields(HandModel), values)})
     joints = hand.model.joints
     coupled = [j for j in range(1, hand.model.njoints) if not joints[j].nv]

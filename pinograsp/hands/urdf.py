@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_front, narrowed, resolve
+from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_front, narrow_limits, resolve
 from pinograsp.hands.elements import LARGEST, LEAST
 from pinograsp.hands.geometry import Shape
 from pinograsp.hands.rotors import find_rotors
@@ -93,7 +93,7 @@ def prepare_hand(description: RobotDescription) -> PreparedHand:
     followed = {name: one.followed for name, one in couplings.items()}
     order = in_order(robot.joints, couplings)
     efforts = {name: one.effort for name, one in limits.items()}
-    couplings, limits = led_from_the_front(order, couplings, narrowed(limits, couplings, notes), notes)
+    couplings, limits = led_from_the_front(order, couplings, narrow_limits(limits, couplings, notes), notes)
     joints = [joint.name for joint in robot.joints]
     without = [name for name in joints if name in limits and not limits[name].effort]
     if without:

@@ -21,7 +21,7 @@ from pinograsp.checks import array_of, one_of, placement_of, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.elements import read_bytes
 from pinograsp.hands.geometry import PRIMITIVES, SIZES, Kind, Shape, Triangles
-from pinograsp.hands.mesh_file import checked, joined, load
+from pinograsp.hands.mesh_file import check_triangles, join_vertices, load
 from pinograsp.hands.shapes import hex_of
 from pinograsp.spatial import FARTHEST, Array, IntArray
 
@@ -68,7 +68,7 @@ def meshes_of(shapes: Iterable[Shape], most: int) -> tuple[dict[MeshKey, tuple[P
     meshes, broken = _meshes(tuple(files.items()), counts, most)
     share_of_one = max(most // max(len(inline), 1), 1)
     painted = {
-        key: _parts(*joined(*triangles), np.tile(_UNPAINTED, (len(triangles[1]), 1)), share_of_one)
+        key: _parts(*join_vertices(*triangles), np.tile(_UNPAINTED, (len(triangles[1]), 1)), share_of_one)
         for key, triangles in inline.items()
     }
     return meshes | painted, [*problems, *broken]
@@ -86,7 +86,7 @@ def _meshes(
             problems.append(f"mesh '{key[0]}' is left out: those before it have {total} triangles")
             continue
         try:
-            painted[key] = _painted(*key)
+            painted[key] = _paint(*key)
             total += len(painted[key][1])
         except (ValueError, OSError) as error:
             problems.append(f"mesh '{key[0]}' cannot be read: {error}")
@@ -113,7 +113,7 @@ def share(sizes: Sequence[int], counts: Sequence[int], most: int) -> int:
     return max(sizes, default=1)
 
 
-def _painted(file: str, texture: str, colour: str) -> tuple[Array, IntArray, Array]:
+def _paint(file: str, texture: str, colour: str) -> tuple[Array, IntArray, Array]:
     """Vertices (n, 3), faces (m, 3) and the faces' colours (m, 3), 0 to 255 or :data:`_UNPAINTED`, of a mesh file.
 
     Materials and textures of the file's own are read from its folder and those below it, pictures also from folders
@@ -132,7 +132,7 @@ def _painted(file: str, texture: str, colour: str) -> tuple[Array, IntArray, Arr
         mesh = scene.geometry[name]
         if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
             continue
-        points, own = checked(mesh.vertices, mesh.faces)
+        points, own = check_triangles(mesh.vertices, mesh.faces)
         turned = np.linalg.det(matrix[:3, :3]) < 0
         vertices.append(points @ matrix[:3, :3].T + matrix[:3, 3])
         faces.append((own[:, ::-1] if turned else own) + count)
@@ -140,8 +140,8 @@ def _painted(file: str, texture: str, colour: str) -> tuple[Array, IntArray, Arr
         count += len(points)
     if not count:
         raise ValueError("expected a mesh of triangles, got none")
-    everything = checked(np.concatenate(vertices), np.concatenate(faces))
-    return *joined(*everything), np.concatenate(colours)
+    everything = check_triangles(np.concatenate(vertices), np.concatenate(faces))
+    return *join_vertices(*everything), np.concatenate(colours)
 
 
 def _colours_of(mesh: trimesh.Trimesh) -> Array:
@@ -154,7 +154,7 @@ def _colours_of(mesh: trimesh.Trimesh) -> Array:
         elif visual.kind == "vertex":
             colours = np.asarray(visual.vertex_colors, dtype=float)[mesh.faces, :3].mean(axis=1)
         elif visual.kind == "texture":
-            colours = _textured(visual, mesh.faces)
+            colours = _texture(visual, mesh.faces)
         else:
             colours = np.tile(_UNPAINTED, (m, 1))
     except Exception:  # of broken pictures and materials; the mesh is still worth showing
@@ -162,7 +162,7 @@ def _colours_of(mesh: trimesh.Trimesh) -> Array:
     return colours if colours.shape == (m, 3) and np.isfinite(colours).all() else np.tile(_UNPAINTED, (m, 1))
 
 
-def _textured(visual: trimesh.visual.TextureVisuals, faces: IntArray) -> Array:
+def _texture(visual: trimesh.visual.TextureVisuals, faces: IntArray) -> Array:
     """Colours (m, 3) of faces: the texture's at their middle, or the material's; :data:`_UNPAINTED` without both."""
     material = visual.material
     image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
@@ -269,16 +269,16 @@ def simplified(vertices: Array, faces: IntArray, most: int) -> tuple[Array, IntA
     try:
         import fast_simplification
     except ImportError:  # coarser, where the extra viz is not installed
-        return _clustered(vertices, faces, most)
+        return _cluster(vertices, faces, most)
     size = float(np.ptp(vertices, axis=0).max()) or 1.0  # it works with single precision
     points, triangles = fast_simplification.simplify(
         (vertices / size).astype(np.float32), faces.astype(np.int32), target_count=most
     )
     inside = np.clip(size * np.asarray(points, dtype=float), vertices.min(axis=0), vertices.max(axis=0))  # no spikes
-    return _clustered(inside, np.asarray(triangles, dtype=np.int64), most)
+    return _cluster(inside, np.asarray(triangles, dtype=np.int64), most)
 
 
-def _clustered(vertices: Array, faces: IntArray, most: int) -> tuple[Array, IntArray]:
+def _cluster(vertices: Array, faces: IntArray, most: int) -> tuple[Array, IntArray]:
     """The surface with vertices of the same cell merged, in cells as small as ``most`` triangles allow.
 
     For triangles that hang together at few of their edges, of which a simplification by edges keeps too many.
@@ -366,7 +366,7 @@ def read_triangles(where: str, record: object) -> Triangles:
             np.frombuffer(base64.b64decode(text_of(f"{where}: {key}", record.get(key)), validate=True), dtype=kind)
             for key, kind in (("vertices", "<f4"), ("faces", "<i4"))
         )
-        triangles = checked(vertices.reshape(-1, 3), faces.reshape(-1, 3))
+        triangles = check_triangles(vertices.reshape(-1, 3), faces.reshape(-1, 3))
     except ValueError as error:
         raise InvalidInput(f"{where}: expected vertices and faces of a mesh: {error}") from None
     if np.abs(triangles[0]).max() > FARTHEST:

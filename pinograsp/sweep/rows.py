@@ -173,7 +173,7 @@ def _plan(base: SweepBase, inputs: Row) -> Row:
     summary = plan.summary()
     margins, forces = summary["margins"], summary["normal_forces_N"]
 
-    def known(values: dict[str, float | None]) -> list[float]:
+    def drop_missing(values: dict[str, float | None]) -> list[float]:
         return [value for value in values.values() if value is not None]
 
     return {
@@ -184,11 +184,11 @@ def _plan(base: SweepBase, inputs: Row) -> Row:
         "normal_forces_N": list(forces.values()),
         "normal_force_sum_N": sum(forces.values()),
         "normal_force_max_N": max(forces.values()),
-        "tracking_error_max_m": max(known(summary["tracking_error_m"]), default=None),
+        "tracking_error_max_m": max(drop_missing(summary["tracking_error_m"]), default=None),
         "relative_gap": (summary["certificate"] or {}).get("relative_gap"),
-        "friction_used_max": max(known(margins["friction_used"]), default=None),
-        "least_mu_max": max(known(margins["least_mu"]), default=None),
-        "slip_distance_min_N": min(known(margins["slip_distance_N"]), default=None),
+        "friction_used_max": max(drop_missing(margins["friction_used"]), default=None),
+        "least_mu_max": max(drop_missing(margins["least_mu"]), default=None),
+        "slip_distance_min_N": min(drop_missing(margins["slip_distance_N"]), default=None),
     }
 
 

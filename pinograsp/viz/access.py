@@ -90,7 +90,7 @@ def guard_server(host: str) -> Iterator[None]:
 
     serve = server.serve
 
-    def wrapped(
+    def wrap_serving(
         handler: Callable[[ServerConnection], Awaitable[None]],
         *args: Any,
         process_request: _Process | None = None,
@@ -107,7 +107,7 @@ def guard_server(host: str) -> Iterator[None]:
         return serve(handler, *args, process_request=process, **settings)
 
     with _wrapping:
-        server.serve = wrapped  # type: ignore[misc, assignment]  # viser has no setting for it
+        server.serve = wrap_serving  # type: ignore[misc, assignment]  # viser has no setting for it
         try:
             yield
         finally:

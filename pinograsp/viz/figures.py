@@ -80,7 +80,7 @@ def _phases(axes: Axes, plan: PlanRecord, start: float = 0.0) -> None:
     axes.set(xlabel="time [s]", xlim=(start, end))
 
 
-def _moving(plan: PlanRecord) -> list[str]:
+def _find_moving(plan: PlanRecord) -> list[str]:
     """Fingers that move, in the hand's order."""
     q = plan.motion.q
     return [name for name, dofs in plan.layout.fingers.items() if np.ptp(q[:, dofs], axis=0).max(initial=0.0) > 0]
@@ -88,7 +88,7 @@ def _moving(plan: PlanRecord) -> list[str]:
 
 def _per_finger(plan: PlanRecord, values: Array, ylabel: str) -> Figure:
     """Values (m, n) over time, one panel for each moving finger."""
-    fingers = _moving(plan)
+    fingers = _find_moving(plan)
     if not fingers:
         raise InvalidInput("figure: expected a plan in which joints move, got one in which none moves")
     columns = min(3, len(fingers))
@@ -330,7 +330,7 @@ def _figures(plan: PlanRecord) -> dict[str, Callable[[], Figure]]:
     named: dict[str, Callable[[], Figure]] = {}
     if plan.hand is not None:
         named["grasp"] = partial(picture, plan)
-    if _moving(plan):
+    if _find_moving(plan):
         named |= {"joint_angles": partial(joint_angles, plan), "joint_rates": partial(joint_rates, plan)}
     named |= {f"torques_{name}": partial(joint_torques, plan, name) for name in plan.layout.fingers if name in touching}
     for figure in (contact_forces, grasp_energy, friction_use):

@@ -123,7 +123,7 @@ def render_surfaces(surfaces: Sequence[Surface], camera: Camera, up: Array) -> L
     faces = np.concatenate([np.zeros((0, 3), int), *(one.faces + start for one, start in zip(surfaces, counts))])
     owner = np.repeat(np.arange(len(surfaces)), [len(one.faces) for one in surfaces])
     corners = camera.project(points)[faces]
-    for triangle, pixel, shares in _covered(corners, camera):
+    for triangle, pixel, shares in _cover(corners, camera):
         depth = np.einsum("pc,pc->p", shares, corners[triangle, :, 2])
         np.maximum.at(near, pixel, depth)
         won = np.flatnonzero(depth == near[pixel])
@@ -136,13 +136,13 @@ def render_surfaces(surfaces: Sequence[Surface], camera: Camera, up: Array) -> L
         normal = np.einsum("pc,pci->pi", weights[drawn], normals[faces[hit]])
         place = np.einsum("pc,pci->pi", weights[drawn], points[faces[hit]])
         colours = np.array([one.colour for one in surfaces])
-        colour[drawn], facing[drawn] = _shaded(colours[owner[hit]], normal, place, camera, up)
+        colour[drawn], facing[drawn] = _shade(colours[owner[hit]], normal, place, camera, up)
         surface[drawn] = owner[hit]
     shape = camera.shape
     return Layer(near.reshape(shape), colour.reshape(*shape, 3), surface.reshape(shape), facing.reshape(shape))
 
 
-def _covered(corners: Array, camera: Camera) -> Iterator[tuple[IntArray, IntArray, Array]]:
+def _cover(corners: Array, camera: Camera) -> Iterator[tuple[IntArray, IntArray, Array]]:
     """Yield triangles, the pixels that they cover, and the shares of their corners there (p, 3), some at a time.
 
     ``corners`` (m, 3, 3): pixels across and down, and inverse depth.
@@ -185,7 +185,7 @@ def _normals(surface: Surface) -> Array:
     return normals
 
 
-def _shaded(colours: Array, normals: Array, places: Array, camera: Camera, up: Array) -> tuple[Array, Array]:
+def _shade(colours: Array, normals: Array, places: Array, camera: Camera, up: Array) -> tuple[Array, Array]:
     """Colours (p, 3) under the sky, a light from the upper left and one at the camera; how far they face the camera."""
     view = camera.eye - places
     view /= np.linalg.norm(view, axis=1, keepdims=True)

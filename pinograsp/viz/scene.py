@@ -243,7 +243,7 @@ def make_scene(plan: PlanRecord, simulation: Simulation | None = None) -> ViewSc
         touch=touch,
         closed=closed,
         phases=_phases(times, touch, closed),
-        told=tuple(_told(time, touch, closed, simulated is not None) for time in times.tolist()),
+        told=tuple(_tell(time, touch, closed, simulated is not None) for time in times.tolist()),
         solids=solids,
         link_poses=link_poses,
         object_pose=object_pose,
@@ -311,7 +311,7 @@ def _phases(times: Array, touch: float, closed: float) -> tuple[Phase, ...]:
     return tuple(phase for phase in phases if phase.first < phase.last)
 
 
-def _told(time: float, touch: float, closed: float, simulated: bool) -> str:
+def _tell(time: float, touch: float, closed: float, simulated: bool) -> str:
     """What happens at an instant [s], in a sentence."""
     if time < touch:
         return "Approach: the fingers close. Until the grasp is complete, something else carries the object."

@@ -64,7 +64,7 @@ def triangulate(shape: Any, most: int = 1_000_000) -> Triangles:
         r, h = shape.radius, shape.halfLength
         return split_creases(*_lathe([0.0, r, r, 0.0], [-h, -h, h, h]))
     if kind.startswith("BVHModel"):
-        welded = _welded(np.array(shape.vertices()), _rows(shape.tri_indices, shape.num_tris))
+        welded = _weld(np.array(shape.vertices()), _rows(shape.tri_indices, shape.num_tris))
         return split_creases(*simplified(*welded, most))
     if kind.startswith("Convex"):
         vertices, faces = np.array(shape.points()), _rows(shape.polygons, shape.num_polygons)
@@ -138,7 +138,7 @@ def ball() -> Triangles:
 
 def split_creases(vertices: Array, faces: IntArray, crease: float = _CREASE) -> Triangles:
     """The surface with equal vertices merged, then repeated where faces meet at more than ``crease`` [rad]."""
-    vertices, faces = _welded(np.asarray(vertices, dtype=float), np.asarray(faces))
+    vertices, faces = _weld(np.asarray(vertices, dtype=float), np.asarray(faces))
     if not len(faces):
         return vertices, faces
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
@@ -169,7 +169,7 @@ def split_creases(vertices: Array, faces: IntArray, crease: float = _CREASE) -> 
     return split, label.reshape(m, 3)
 
 
-def _welded(vertices: Array, faces: IntArray) -> Triangles:
+def _weld(vertices: Array, faces: IntArray) -> Triangles:
     size = np.ptp(vertices, axis=0).max(initial=0.0) or 1.0
     _, kept, same = np.unique(np.round(vertices / (_SAME * size)), axis=0, return_index=True, return_inverse=True)
     vertices, faces = vertices[kept], same.ravel()[faces]

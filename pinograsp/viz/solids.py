@@ -148,13 +148,13 @@ def _visuals(
                 faces = faces[:, ::-1] if np.prod(shape.size) < 0 else faces
                 vertices, faces = split_creases(vertices * shape.size, faces)
             natural = painted or shape.colour
-            colour = _displayed(natural) if natural else LINK if joint else PALM
+            colour = _display(natural) if natural else LINK if joint else PALM
             yield Solid(
                 name=f"{shape.link} seen {i}",
                 link=links.index[joint],
                 vertices=vertices @ at.rotation.T + at.translation,
                 faces=faces,
-                colour=_mixed(colour, tint) if tint else colour,
+                colour=_mix(colour, tint) if tint else colour,
                 look="visual",
             )
 
@@ -180,13 +180,13 @@ def _collision_shapes(
             name=one.name,
             link=link,
             faces=faces,
-            colour=_mixed(colour, touching[frame.name]) if frame.name in touching else colour,
+            colour=_mix(colour, touching[frame.name]) if frame.name in touching else colour,
             vertices=vertices @ one.placement.rotation.T + one.placement.translation,
             look="collision" if link in shown else "always",
         )
 
 
-def _displayed(colour: str) -> str:
+def _display(colour: str) -> str:
     """A colour of a description, neither so dark nor so bright that shading is lost."""
     return _hex(_DARKEST + (_BRIGHTEST - _DARKEST) / 255 * rgb(colour))
 
@@ -195,7 +195,7 @@ def _hex(values: ArrayLike) -> str:
     return "#" + "".join(f"{round(value):02X}" for value in np.ravel(values))
 
 
-def _mixed(colour: str, other: str) -> str:
+def _mix(colour: str, other: str) -> str:
     return _hex((1 - _TINT) * rgb(colour) + _TINT * rgb(other))
 
 

@@ -146,7 +146,7 @@ def draw(
     axes.set(xlim=(0, sheet.width), ylim=(sheet.height, 0))
     axes.set_axis_off()
     if sheet.vector:
-        _outlined(axes, scene, frame, camera, near, sheet)
+        _outline(axes, scene, frame, camera, near, sheet)
     _label(axes, scene, frame, camera, sheet)
     for caution in scene.unseen:  # meshes that are gone
         axes.text(12, sheet.height - 12, caution.partition(":")[0], fontsize=7, color="0.35")
@@ -197,7 +197,7 @@ def _finer(sheet: Sheet) -> int:
     return 2 * _FINER if sheet.vector else _FINER
 
 
-def _outlined(axes: Axes, scene: ViewScene, frame: int, camera: Camera, near: Array, sheet: Sheet) -> None:
+def _outline(axes: Axes, scene: ViewScene, frame: int, camera: Camera, near: Array, sheet: Sheet) -> None:
     """Contact points and forces as vector graphics, the farthest first; pale where the hand hides them."""
     arrows = _arrows(scene, frame)
     points, finer = scene.moved(scene.points_o, frame), _finer(sheet)
@@ -259,13 +259,13 @@ def _image(
         low, high = max(first - _FINER, 0), min(last + _FINER, camera.height)
         band = camera._replace(rows=(low, high))
         hand, thing, forces = (render_surfaces(part, band, up) for part in parts)
-        image = _composed(hand, thing, forces, shadow[low:high], rows[low:high, None, None])
+        image = _compose(hand, thing, forces, shadow[low:high], rows[low:high, None, None])
         images.append(image[(first - low) // _FINER : len(image) - (high - last) // _FINER])
         depths.append(hand.near[first - low : last - low : _FINER, ::_FINER])
     return np.concatenate(images), np.concatenate(depths)
 
 
-def _composed(hand: Layer, thing: Layer, forces: Layer, shadow: Array, rows: Array) -> Array:
+def _compose(hand: Layer, thing: Layer, forces: Layer, shadow: Array, rows: Array) -> Array:
     """Some rows of the picture (h, w, 3), from 0 to 1; ``rows``: how dark their ground is, from 0 to 1."""
     image = (1 - rows) * [1.0, 1.0, 1.0] + rows * [0.90, 0.92, 0.945]
     image = image * (1 - shadow[..., None])

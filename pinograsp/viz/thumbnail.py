@@ -78,7 +78,7 @@ def thumbnail(seen: Seen) -> bytes:
     forces = make_forces(seen.points_o, [], seen.colours, width)
     forces += make_forces(np.zeros((0, 3)), [ends for ends, _ in long], [colour for _, colour in long], width)
     hand, held = make_surfaces(solids, poses, thing)
-    image = _composed(
+    image = _compose(
         render_surfaces(hand, camera, up), render_surfaces(held, camera, up), render_surfaces(forces, camera, up)
     )
     content = io.BytesIO()
@@ -124,7 +124,7 @@ def _arrows(seen: Seen, size: float) -> list[Array]:
     return [np.stack([point, point + scale * force]) for point, force in zip(points, forces)]
 
 
-def _composed(hand: Layer, held: Layer, forces: Layer) -> Array:
+def _compose(hand: Layer, held: Layer, forces: Layer) -> Array:
     """The picture (h, w, 3), from 0 to 1."""
     image = np.tile(np.array(_PAPER), (*hand.near.shape, 1))
     image[hand.drawn] = hand.colour[hand.drawn]

@@ -186,15 +186,15 @@ class Viewer:
 
     def _move_slider(self, frame: int) -> None:
         self._redraw(frame)
-        self._slider.value = self._told(frame)  # type: ignore[misc]  # viser's setter, which mypy does not find
+        self._slider.value = self._tell(frame)  # type: ignore[misc]  # viser's setter, which mypy does not find
 
-    def _told(self, frame: int) -> float:
+    def _tell(self, frame: int) -> float:
         """The time of an instant as the slider has it [s]."""
         return round(float(self.scene.times[frame]) / _STEP) * _STEP
 
     def _follow(self, time: float) -> None:
         """Show what the slider says, unless it was told that: it is coarser than the instants."""
-        if abs(time - self._told(self._frame)) > 0.5 * _STEP:
+        if abs(time - self._tell(self._frame)) > 0.5 * _STEP:
             self._redraw(self.scene.frame_at(time))
 
     # The scene.
@@ -308,13 +308,13 @@ class Viewer:
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
         gui.add_html(head(scene))
         last = len(scene.times) - 1
-        end = self._told(last)
+        end = self._tell(last)
         marks = {0.0: "0", end: f"{end:g}"}
         if scene.carried is None:
             marks |= {scene.touch: "touch"}
             if scene.closed - scene.touch > _APART * end:
                 marks |= {scene.closed: "t_F"}
-        now, ticks = self._told(self._frame), tuple(marks.items())
+        now, ticks = self._tell(self._frame), tuple(marks.items())
         self._slider = gui.add_slider(
             "time [s]", min=0.0, max=max(end, _STEP), step=_STEP, initial_value=now, marks=ticks
         )

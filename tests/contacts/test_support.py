@@ -4,7 +4,7 @@ import coal
 import numpy as np
 import pytest
 
-from pinograsp.contacts.support import common_corners, support_shape, tilted
+from pinograsp.contacts.support import common_corners, support_shape, tilt
 
 LEAN = 0.01  # [rad]
 UP = np.array([[0.0, 0.0, 1.0]])
@@ -13,7 +13,7 @@ UP = np.array([[0.0, 0.0, 1.0]])
 def corners_of(one, placed_one, other, placed_other, normal=UP):
     """Corners that two of coal's shapes have in common at the origin, placed (R, p), sorted."""
     supports = []
-    directions = tilted(normal, LEAN)
+    directions = tilt(normal, LEAN)
     for shape, (R, p), along in ((one, placed_one, directions), (other, placed_other, directions * [1, 1, -1])):
         supports.append(support_shape(shape).support(along @ R) @ R.T + p)
     found, counts, leaning = common_corners(*supports, np.zeros((1, 3)), normal)

@@ -61,8 +61,8 @@ def _draft(rows: list[_Row], keys: Keys, fault: str | None, problem: str | None)
         q=np.array([row.q for row in rows], dtype=float).reshape(len(rows), -1 if rows else 0),
         joint_names=rows[0].joints if rows else (),
         scale=np.full(len(rows), keys.number("object_scale") if "object_scale" in keys else 1.0),
-        object_name=_named(keys, _OBJECT),
-        hand_name=_named(keys, _GRIPPER),
+        object_name=_read_first(keys, _OBJECT),
+        hand_name=_read_first(keys, _GRIPPER),
         last=problem,
     )
     if rows and rows[0].before is not None:
@@ -73,7 +73,7 @@ def _draft(rows: list[_Row], keys: Keys, fault: str | None, problem: str | None)
     return draft
 
 
-def _named(keys: Keys, names: tuple[str, ...]) -> str:
+def _read_first(keys: Keys, names: tuple[str, ...]) -> str:
     """What stands under the first of the names that is there, and is not null."""
     return next((keys.text(name) for name in names if keys.values.get(name) is not None), "")
 
