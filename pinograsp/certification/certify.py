@@ -83,16 +83,17 @@ def certify(
         conditions: friction, gravity, torque limits and the reserve. A grasp is held where one squeeze holds the weight
             and all that the reserve adds, as :func:`~pinograsp.certification.elastic.find_offsets` tells.
         roots: oMh, where the hand's root is in the world for each posture (N, 4, 4); None: where the hand is.
-        **options:
-            tolerance: distance from the surface [m] up to which a link touches, outside or inside; deeper ones
-                penetrate. Default: 2 mm.
-            palm: whether the palm's contact counts. Default: yes.
-            patches: a contact at up to four corners of a flat area; else one in its middle. Default: yes.
-            exact: where the quick way finds no squeeze for the reserve, solve the full program (some 10 ms each); else
-                such grasps are ``RESERVE`` without more ado. Default: yes.
-            drives: whether forces that the hand's drives cannot make together are no grasp; ``producible`` tells it
-                anyway. Default: yes.
-            threads: of the force methods. Default: one for each core.
+        **options: what counts as a contact and as held:
+
+            - ``tolerance``: distance from the surface [m] up to which a link touches, outside or inside (2 mm); deeper
+              ones penetrate.
+            - ``palm``: whether the palm's contact counts (True).
+            - ``patches``: a contact at up to four corners of a flat area (True); else one in its middle.
+            - ``exact``: where the quick way finds no squeeze for the reserve, solve the full program, some 10 ms each
+              (True); else such grasps are ``RESERVE`` without more ado.
+            - ``drives``: whether forces that the hand's drives cannot make together are no grasp (True); ``producible``
+              tells it anyway.
+            - ``threads``: of the force methods; one for each core by default.
 
     Raises:
         InvalidInput: shapes that do not go together, a hand without geometry, or conditions that cannot be used.
