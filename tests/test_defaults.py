@@ -13,6 +13,7 @@ import pinograsp as pg
 from pinograsp.carry import plan_carry
 from pinograsp.cases.case import Case
 from pinograsp.cases.object_case import ObjectCase
+from pinograsp.certification.setup import Options as CertifyOptions
 from pinograsp.cli import app
 from pinograsp.motion import MotionSpec
 from pinograsp.simulation.options import SimulationOptions
@@ -56,7 +57,7 @@ def test_the_papers_case_keeps_its_own_limits():
 TAKEN = {
     "plan": {"samples": (pg.find_grasps, "count"), "seed": (pg.find_grasps, "seed"), "wrap": (pg.find_grasps, "wrap")},
     "close": {"samples": (pg.find_grasps, "count"), "seed": (pg.find_grasps, "seed")},
-    "certify": {"tolerance": (pg.certify, "tolerance")},
+    "certify": {"tolerance": (CertifyOptions, "tolerance")},
     "check": {"hold": (SimulationOptions, "hold"), "time_step": (SimulationOptions, "time_step")},
     "carry": {"intervals": (plan_carry, "intervals"), "reserve": (plan_carry, "reserve")},
 }

@@ -16,6 +16,7 @@ import pinocchio as pin
 from pinograsp.hands.elements import LARGEST, LEAST, named, numbers
 from pinograsp.hands.tree import MOVING
 from pinograsp.spatial import FARTHEST
+from pinograsp.words import printable
 
 if TYPE_CHECKING:
     import yourdfpy
@@ -64,6 +65,9 @@ def read_urdf(element: ElementTree.Element, problems: list[str]) -> tuple[yourdf
     """
     import yourdfpy  # brings trimesh, slow to import
 
+    if element.tag != "robot":
+        problems.append(f"expected <robot> outermost, got <{printable(str(element.tag), 60)}>")
+        return yourdfpy.Robot(name=""), {}
     clean = _copy(element, "", problems)
     if any(len(value) > _LONGEST for one in clean.iter() for value in one.attrib.values()):
         problems.append(f"expected attributes of at most {_LONGEST} characters")

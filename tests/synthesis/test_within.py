@@ -68,7 +68,7 @@ def test_the_distance_from_a_region_moves_with_the_object():
     moved = replace(region, pose=POSE)
     there = points @ POSE[:3, :3].T + POSE[:3, 3]
     assert np.allclose(moved.outside(there), apart, atol=1e-12)
-    assert np.allclose(moved.outside(moved.drawn(rng, 100)), 0, atol=1e-12)
+    assert np.allclose(moved.outside(moved.draw(rng, 100)), 0, atol=1e-12)
     assert moved.outside(moved.middle_o[None])[0] == 0
 
 
