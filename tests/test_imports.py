@@ -109,3 +109,11 @@ def test_importing_the_package_changes_nothing_outside_it():
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "[]"
+
+
+def test_nothing_draws_that_was_not_asked_to():
+    """Planning, carrying, judging: none of them waits for matplotlib."""
+    rooms = ("planner", "carry", "synthesis", "certification", "simulation", "sweep", "handover", "storage", "cli")
+    script = f"import sys; import {', '.join(f'pinograsp.{room}' for room in rooms)}; print('matplotlib.figure' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from pinograsp.carry.record import CarryRecord
-from pinograsp.carry.scene import carry_scene
 from pinograsp.showing import in_notebook
 from pinograsp.writing import write_file
 
 if TYPE_CHECKING:
+    from pinograsp.viz.scene import ViewScene
     from pinograsp.viz.viewer import Viewer
 
 
@@ -24,17 +24,22 @@ class CarryPlan(CarryRecord):
     __repr__ = CarryRecord.__repr__
     _repr_html_ = in_notebook
 
+    def _make_scene(self) -> ViewScene:
+        from pinograsp.carry.scene import carry_scene  # brings matplotlib
+
+        return carry_scene(self)
+
     def show(self, *, port: int = 8080, open_browser: bool = True) -> Viewer:
         """Open a live page on which the arm moves and the hand holds; see :func:`pinograsp.viz.viewer.view`."""
         from pinograsp.viz.viewer import open_viewer
 
-        return open_viewer(carry_scene(self), port=port, open_browser=open_browser)
+        return open_viewer(self._make_scene(), port=port, open_browser=open_browser)
 
     def save_html(self, path: str | Path) -> Path:
         """Write such a page as one file that needs no server and no network; returns its path."""
         from pinograsp.viz.page import render_page
 
-        return write_file(path, render_page(carry_scene(self)).encode())
+        return write_file(path, render_page(self._make_scene()).encode())
 
     def picture(self, path: str | Path, *, time: float | None = None, view: ArrayLike | None = None) -> Path:
         """Write a picture of arm, object and forces; returns its path.
@@ -47,7 +52,7 @@ class CarryPlan(CarryRecord):
         from pinograsp.viz.still import write_picture
 
         when = float(self.instants[self.squeeze.argmax()]) if time is None else time
-        return write_picture(carry_scene(self), path, when, view=view)
+        return write_picture(self._make_scene(), path, when, view=view)
 
     def film(
         self,
@@ -65,7 +70,7 @@ class CarryPlan(CarryRecord):
         """
         from pinograsp.viz.film import write_film
 
-        return write_film(carry_scene(self), path, view=view, seconds=seconds, progress=progress)
+        return write_film(self._make_scene(), path, view=view, seconds=seconds, progress=progress)
 
     def save_figures(self, folder: str | Path) -> list[Path]:
         """Write the figures as PNG into an existing folder; returns their paths. See :mod:`pinograsp.viz.carried`."""
