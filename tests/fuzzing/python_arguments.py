@@ -435,7 +435,7 @@ def _add_checks(call: Callable) -> None:
     call(simulation.Disturbance(**disturbance).acceleration, since=0.01)
     call(simulation.Servo, stiffness=np.ones(n), damping=np.ones(n), rotor=np.zeros(n))
     call(simulation.Servo.of, stiffness=50.0, damping=0.5, control="position")
-    call(simulation.Servo.of(w.hand).scaled, factor=1.1)
+    call(simulation.Servo.of(w.hand).scale_gains, factor=1.1)
     errors = {
         **dict(position=2e-3, rotation=0.03, friction=(0.05, 0.1), mass=0.1, posture=0.01, push=0.2, servo_gain=0.1),
         **dict(stiffness=(0.5, 2.0), joint_offset=0.01, joint_friction=0.01),
