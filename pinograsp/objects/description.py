@@ -13,13 +13,13 @@ import numpy as np
 from pinograsp.checks import shown
 from pinograsp.hands.elements import floats, numbers
 from pinograsp.hands.shapes import mesh_path
+from pinograsp.hands.urdf_file import MOMENTS
 from pinograsp.spatial import FARTHEST, Array, IntArray, pose_of, rotation_rpy
 
 Kind: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
 MOST_SHAPES = 1000
 _LEAST = 1e-9  # [m] of sizes
 _LARGEST = 1e6  # of angles, masses and moments in SI units
-_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 # What gives the size of a shape, and of how many numbers: attributes in URDF, elements in SDF.
 URDF_SIZES: dict[Kind, dict[str, int]] = {
     "box": {"size": 3},
@@ -88,7 +88,7 @@ def urdf_description(robot: ElementTree.Element, folder: Path, packages: Mapping
         return Description(parts=tuple(parts), mass=None, com=None, inertia=None)
     (value,) = numbers(mass, "value", 1, most=_LARGEST)
     given = inertial.find("inertia")
-    moments = None if given is None else [numbers(given, key, 1, "0", most=_LARGEST)[0] for key in _MOMENTS]
+    moments = None if given is None else [numbers(given, key, 1, "0", most=_LARGEST)[0] for key in MOMENTS]
     return _weigh(parts, value, origin_of(inertial), moments)
 
 
@@ -133,7 +133,7 @@ def sdf_description(root: ElementTree.Element, folder: Path, packages: Mapping[s
     given = inertial.find("inertia")
     moments = None
     if given is not None:
-        moments = [_texts(given, key, 1, "1" if key[1] == key[2] else "0")[0] for key in _MOMENTS]
+        moments = [_texts(given, key, 1, "1" if key[1] == key[2] else "0")[0] for key in MOMENTS]
     return _weigh(parts, value, of_link @ _read_pose(inertial), moments)
 
 

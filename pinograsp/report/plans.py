@@ -30,7 +30,6 @@ _CAPTIONS = {
 def report_plan(plan: PlanRecord, figures: Sequence[str] = (), simulation: Simulation | None = None) -> Report:
     """The report of a plan; ``figures``: names of image files in the same folder."""
     instance_of("plan", plan, PlanRecord)
-    instance_of("simulation", simulation, Simulation, type(None))
     shown = [Picture(name, _caption(name)) for name in items_of("figures", figures, str)]
     first = {figure: Path(figure.name).stem in _FIRST for figure in shown}
     rest = [figure for figure in shown if not first[figure]]
