@@ -72,8 +72,8 @@ from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.contacts import Contact, ContactSet
 from pinograsp.errors import InvalidInput, PinograspError, Status
 from pinograsp.forces import register_solver, to_qp, to_socp
-from pinograsp.forces.registry import ask_solver
-from pinograsp.forces.solvers import TOLERANCES, solve_by_qpsolvers, state_qp
+from pinograsp.forces.solve.registry import ask_solver
+from pinograsp.forces.solve.solvers import TOLERANCES, solve_by_qpsolvers, state_qp
 from pinograsp.spatial import tangent_frame
 
 HERE = Path(__file__).resolve().parent

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pinograsp.carry.program import CarryProgram
-from pinograsp.forces.conic import Cone
+from pinograsp.forces.solve.conic import Cone
 from pinograsp.spatial import Array, BoolArray
 
 # a b >= c^2 as a cone, |(2 c, a - b)| <= a + b: where a, b and c go.

@@ -23,8 +23,8 @@ from pinograsp.carry.passage import Passage
 from pinograsp.carry.solving import solve_carry
 from pinograsp.checks import brief
 from pinograsp.errors import CarryInfeasible, CarryUndecided
-from pinograsp.forces.conic import Cone, cone_rows, solve
 from pinograsp.forces.matrices import elastic_reaction
+from pinograsp.forces.solve.conic import Cone, cone_rows, solve
 from pinograsp.spatial import Array
 
 _BALANCED = 1e-6  # error of what was found, over the largest load

@@ -25,7 +25,7 @@ from pinograsp.contacts import Friction
 from pinograsp.contacts.contact_set import bare_contacts
 from pinograsp.contacts.friction import CONE, SOFT
 from pinograsp.errors import Status
-from pinograsp.forces.reserve_search import least_squeeze
+from pinograsp.forces.robust.reserve_search import least_squeeze
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 

@@ -1,38 +1,34 @@
 """Contact forces: the problem, grid searches, the multiplier QP, certified convex optima, margins, robust sets."""
 
-from pinograsp.forces.batch import BatchSolution, ForceBatch, solve_batch
 from pinograsp.forces.better_contacts import BetterContacts, optimize_contacts
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, Tolerance
 from pinograsp.forces.conditions import GraspConditions, TorqueLimit
 from pinograsp.forces.diagnosis import Diagnosis, diagnose
-from pinograsp.forces.export import to_qp, to_socp
-from pinograsp.forces.global_optimum import optimize_grasp
-from pinograsp.forces.grid import GridSpec, grid_values
-from pinograsp.forces.load_set import LoadSet
-from pinograsp.forces.margins import (
+from pinograsp.forces.grid.cells import GridSpec, grid_values
+from pinograsp.forces.grid.global_optimum import optimize_grasp
+from pinograsp.forces.grid.search import SEARCHES, GridMethod, GridSearch, grid_search
+from pinograsp.forces.optimize import optimize_forces
+from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.robust.forces import Reaction, RobustForces, StiffnessScenario
+from pinograsp.forces.robust.load_set import LoadSet
+from pinograsp.forces.robust.margins import (
     GraspMargins,
     disturbance_margin,
     grasp_margins,
     load_factor,
 )
-from pinograsp.forces.multipliers import MultiplierQP, MultiplierSolution, refine_multipliers
-from pinograsp.forces.optimize import optimize_forces
-from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import OBJECTIVES, Objective, ObjectiveName
-from pinograsp.forces.registry import unregister_solver
-from pinograsp.forces.reliability import Reliability, holding_probability
-from pinograsp.forces.reserve import Reserve
-from pinograsp.forces.reserve_search import (
+from pinograsp.forces.robust.optimum import optimize_robust
+from pinograsp.forces.robust.reliability import Reliability, holding_probability
+from pinograsp.forces.robust.reserve import Reserve
+from pinograsp.forces.robust.reserve_search import (
     least_squeeze,
     optimize_reserve,
     producible_reserve,
     reserve_along,
     search_reserve,
 )
-from pinograsp.forces.robust import optimize_robust
-from pinograsp.forces.robust_forces import Reaction, RobustForces, StiffnessScenario
-from pinograsp.forces.search import SEARCHES, GridMethod, GridSearch, grid_search
-from pinograsp.forces.sensitivity import Sensitivity, force_sensitivity
+from pinograsp.forces.robust.sensitivity import Sensitivity, force_sensitivity
+from pinograsp.forces.robust.wrench_closure import ForceClosure, force_closure, min_weight
 from pinograsp.forces.settings import ForceSettings
 from pinograsp.forces.solution import (
     Branch,
@@ -42,10 +38,14 @@ from pinograsp.forces.solution import (
     GridLog,
     GridSolution,
 )
-from pinograsp.forces.solver import ForceSolver
-from pinograsp.forces.solver_order import SOLVERS, SolverName, available_solvers, register_solver
-from pinograsp.forces.solvers import QP_SOLVERS, QPSolverName, qp_solvers
-from pinograsp.forces.standard_form import (
+from pinograsp.forces.solve.batch import BatchSolution, ForceBatch, solve_batch
+from pinograsp.forces.solve.export import to_qp, to_socp
+from pinograsp.forces.solve.multipliers import MultiplierQP, MultiplierSolution, refine_multipliers
+from pinograsp.forces.solve.program import OBJECTIVES, Objective, ObjectiveName
+from pinograsp.forces.solve.registry import unregister_solver
+from pinograsp.forces.solve.solver_order import SOLVERS, SolverName, available_solvers, register_solver
+from pinograsp.forces.solve.solvers import QP_SOLVERS, QPSolverName, qp_solvers
+from pinograsp.forces.solve.standard_form import (
     Column,
     Cones,
     ConicProgram,
@@ -54,8 +54,8 @@ from pinograsp.forces.standard_form import (
     QuadraticProgram,
     SolverAnswer,
 )
+from pinograsp.forces.solver import ForceSolver
 from pinograsp.forces.torque_limits import TorqueLimits, Underactuation
-from pinograsp.forces.wrench_closure import ForceClosure, force_closure, min_weight
 
 __all__ = [
     "OBJECTIVES",

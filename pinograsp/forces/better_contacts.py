@@ -11,10 +11,10 @@ from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.optimize import optimize_forces
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective
-from pinograsp.forces.sensitivity import Sensitivity, force_sensitivity
+from pinograsp.forces.robust.sensitivity import Sensitivity, force_sensitivity
 from pinograsp.forces.solution import ConvexSolution
-from pinograsp.forces.solver_order import SolverName
+from pinograsp.forces.solve.program import Objective
+from pinograsp.forces.solve.solver_order import SolverName
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, tangent_frame
 

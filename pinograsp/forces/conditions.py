@@ -12,7 +12,7 @@ from pinograsp.contacts import ContactSet
 from pinograsp.contacts.friction import LARGEST_MU
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.reserve import Reserve
+from pinograsp.forces.robust.reserve import Reserve
 from pinograsp.forces.settings import ForceArguments, ForceSettings
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array

@@ -11,8 +11,8 @@ from pinograsp.errors import Status
 from pinograsp.forces.certificate import Infeasibility
 from pinograsp.forces.infeasibility import holds, load_factors, prove
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import feasibility
 from pinograsp.forces.relaxation import LARGEST_FRICTION, Setup, find_relaxations
+from pinograsp.forces.solve.program import feasibility
 from pinograsp.spatial import Array
 
 

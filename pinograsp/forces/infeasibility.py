@@ -9,11 +9,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from pinograsp.checks import brief, read_only
-from pinograsp.forces.answers import forces_of
 from pinograsp.forces.certificate import TOLERANCE, Infeasibility
-from pinograsp.forces.conic import limit_rows, solve, solve_linear, sparse, stack_blocks
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program
+from pinograsp.forces.solve.answers import forces_of
+from pinograsp.forces.solve.conic import limit_rows, solve, solve_linear, sparse, stack_blocks
+from pinograsp.forces.solve.program import Program
 from pinograsp.spatial import Array, BoolArray
 
 _SHARP = 1e-7  # largest difference between an extreme multiple and its proven bound, relative

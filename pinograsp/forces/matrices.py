@@ -24,7 +24,7 @@ _RANK = 1e-9  # singular values of the grasp map below this share of the largest
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Matrices:
-    """A force problem's matrices for one objective; see :mod:`pinograsp.forces.program` for the symbols.
+    """A force problem's matrices for one objective; see :mod:`pinograsp.forces.solve.program` for the symbols.
 
     Attributes:
         friction: the friction model.
@@ -104,7 +104,7 @@ class Matrices:
 
 
 def matrices_of(problem: ForceProblem, weights: Mapping[str, float]) -> Matrices:
-    """The matrices of a problem for the objective ``weights``, see :func:`~pinograsp.forces.program.weights_of`."""
+    """The matrices of a problem for the objective ``weights``, see :func:`~.solve.program.weights_of`."""
     k, d, friction = problem.k, problem.friction.d, problem.friction
     widths = friction.scale(problem.mu)
     A = balance_columns(problem, widths)

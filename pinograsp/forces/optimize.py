@@ -8,10 +8,10 @@ from time import perf_counter
 
 from pinograsp.checks import instance_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective
 from pinograsp.forces.solution import ConvexSolution
+from pinograsp.forces.solve.program import Objective
+from pinograsp.forces.solve.solver_order import SolverName
 from pinograsp.forces.solver import ForceSolver, certify_by_core
-from pinograsp.forces.solver_order import SolverName
 
 _MOST = 4  # impact times, objectives and solvers for which a problem's preparations are kept
 

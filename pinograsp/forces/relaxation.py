@@ -13,9 +13,9 @@ from pinograsp.contacts.friction import LARGEST_MU
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.infeasibility import holds
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import feasibility
-from pinograsp.forces.reserve import Reserve
-from pinograsp.forces.reserve_search import least_squeeze, widest_range
+from pinograsp.forces.robust.reserve import Reserve
+from pinograsp.forces.robust.reserve_search import least_squeeze, widest_range
+from pinograsp.forces.solve.program import feasibility
 from pinograsp.spatial import Array
 from pinograsp.words import number
 

@@ -12,7 +12,7 @@ from pinograsp.contacts import PenetrationProfile
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import Certificate, Infeasibility
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solver_order import ProgramOutcome
+from pinograsp.forces.solve.solver_order import ProgramOutcome
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
 from pinograsp.words import by_name, lines_of

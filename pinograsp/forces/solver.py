@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import instance_of, record_of
 from pinograsp.errors import Status
-from pinograsp.forces.compiled import PreparedForces
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solution import ConvexSolution, solution_of
-from pinograsp.forces.solver_order import COMPILED, SolverName, SolverOrder, check_solver
+from pinograsp.forces.solve.compiled import PreparedForces
+from pinograsp.forces.solve.program import Objective, assemble, energy_terms_at, weights_of
+from pinograsp.forces.solve.solver_order import COMPILED, SolverName, SolverOrder, check_solver
 
 
 class ForceSolver:

@@ -8,6 +8,7 @@ from pinograsp.objects.body import NO_DIRECTION, tangents
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _LEAF = 4  # triangles per leaf of the search tree: few enough to test them all, many enough to keep the tree shallow
+_FEW_PAIRS = 1_500  # of a point and a triangle, which all at once take less time than the tree
 _MOST_PAIRS = 1_000_000  # of a point and a box or triangle held at once; beyond, the points are split
 # Two nearest points within NO_DIRECTION of being equally near, seen at more than 135 degrees from each other, are on
 # opposite sides: a thin wall, an axis. Below that they are neighbours across an edge, and either will do.
@@ -113,17 +114,21 @@ class TriangleSurface:
         k = len(points)
         if k == 0:
             return np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros(0, dtype=bool)
-        reach = self._first_guess(points)
-        point, node = np.arange(k), np.zeros(k, dtype=int)
-        for low, high in self._boxes[1:]:
-            point, node = np.repeat(point, 2), np.repeat(2 * node, 2)
-            node[1::2] += 1
-            keep = _squared_gap(points[point], low[node], high[node]) <= reach[point]
-            point, node = point[keep], node[keep]
-            if k > 1 and len(point) * _LEAF > _MOST_PAIRS:
-                halves = [self._search(points[: k // 2]), self._search(points[k // 2 :])]
-                nearest, feature, surface, opposite = (np.concatenate(part) for part in zip(*halves))
-                return nearest, feature, surface, opposite
+        count = len(self._leaves)
+        if k * count * _LEAF <= _FEW_PAIRS:
+            point, node = np.repeat(np.arange(k), count), np.tile(np.arange(count), k)
+        else:
+            reach = self._first_guess(points)
+            point, node = np.arange(k), np.zeros(k, dtype=int)
+            for low, high in self._boxes[1:]:
+                point, node = np.repeat(point, 2), np.repeat(2 * node, 2)
+                node[1::2] += 1
+                keep = _squared_gap(points[point], low[node], high[node]) <= reach[point]
+                point, node = point[keep], node[keep]
+                if k > 1 and len(point) * _LEAF > _MOST_PAIRS:
+                    halves = [self._search(points[: k // 2]), self._search(points[k // 2 :])]
+                    nearest, feature, surface, opposite = (np.concatenate(part) for part in zip(*halves))
+                    return nearest, feature, surface, opposite
         point, face = np.repeat(point, _LEAF), self._leaves[node].ravel()
         squared, doubt = self._squared_distances(points[point], face)
         farthest = np.minimum.reduceat(squared + doubt, np.searchsorted(point, np.arange(k)))

@@ -10,9 +10,9 @@ from pinograsp.certification.elastic import find_multiples, find_offsets, make_s
 from pinograsp.certification.squeeze import MOST_MU, Grips, Holding, find_least_mu, hold_weight, squeeze
 from pinograsp.contacts import Friction
 from pinograsp.forces import ForceProblem, Reserve
-from pinograsp.forces.margins import disturbance_margin
 from pinograsp.forces.matrices import elastic_reaction
-from pinograsp.forces.reserve_search import least_squeeze
+from pinograsp.forces.robust.margins import disturbance_margin
+from pinograsp.forces.robust.reserve_search import least_squeeze
 from pinograsp.objects import Sphere
 from pinograsp.spatial import tangent_frame
 

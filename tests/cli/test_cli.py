@@ -362,7 +362,7 @@ def test_all_problems_of_a_case_are_named_at_once():
 
 
 def test_interrupting_the_search(command, monkeypatch):
-    from pinograsp.forces import pruned
+    from pinograsp.forces.grid import pruned
 
     def interrupt(*args, **kwargs):
         raise KeyboardInterrupt

@@ -15,10 +15,10 @@ from whole_forces import MODELS, problem_with
 
 from pinograsp import core
 from pinograsp.forces import MultiplierQP
-from pinograsp.forces.compiled import arrays_of
 from pinograsp.forces.matrices import matrices_of
-from pinograsp.forces.program import assemble, energy_terms_at
-from pinograsp.forces.template import Template
+from pinograsp.forces.solve.compiled import arrays_of
+from pinograsp.forces.solve.program import assemble, energy_terms_at
+from pinograsp.forces.solve.template import Template
 from pinograsp.motion import OnlineForces
 
 OBJECTIVES = ("work", "impulse", "least_squares", {"work": 1.0, "least_squares": 1e-3})

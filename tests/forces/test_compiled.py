@@ -88,9 +88,9 @@ def test_same_optimum_as_the_general_method(contact_set, model, objective, k, so
 def test_both_paths_write_the_same_record(contact_set, model, balance):
     """Whole compiled calls against the program's path with the same method, field by field."""
     from pinograsp.forces.matrices import matrices_of
-    from pinograsp.forces.program import assemble, energy_terms_at
     from pinograsp.forces.solution import solution_of
-    from pinograsp.forces.solver_order import SolverOrder
+    from pinograsp.forces.solve.program import assemble, energy_terms_at
+    from pinograsp.forces.solve.solver_order import SolverOrder
 
     for contacts, load in grasps(contact_set, 4, 3, 5):
         problem = ForceProblem(
@@ -188,10 +188,10 @@ def test_infeasible_loads_are_proven(contact_set):
 
 def answered(problem, name, objective="work"):
     """Code, x and y (all rows) of a method by itself, and the program."""
-    from pinograsp.forces.compiled import arrays_of
     from pinograsp.forces.matrices import matrices_of
-    from pinograsp.forces.program import assemble
-    from pinograsp.forces.template import Template
+    from pinograsp.forces.solve.compiled import arrays_of
+    from pinograsp.forces.solve.program import assemble
+    from pinograsp.forces.solve.template import Template
 
     terms = {objective: problem.energy_terms(0.85, objective)}
     program = assemble(
@@ -268,10 +268,10 @@ def test_without_the_core_general_methods_answer(contact_set, monkeypatch):
 @pytest.mark.parametrize("limited", [False, True])
 def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
     """Bound and Farkas bound of the compiled certificate, at points and multipliers that are far from any optimum."""
-    from pinograsp.forces.compiled import arrays_of, solve_program
     from pinograsp.forces.matrices import matrices_of
-    from pinograsp.forces.program import assemble, weights_of
-    from pinograsp.forces.template import Template
+    from pinograsp.forces.solve.compiled import arrays_of, solve_program
+    from pinograsp.forces.solve.program import assemble, weights_of
+    from pinograsp.forces.solve.template import Template
 
     rng, compared = np.random.default_rng(0), 0
     for contacts, load in grasps(contact_set, 4, 3, 3):

@@ -23,8 +23,8 @@ from pinograsp.forces import (
     pruned,
     refine_multipliers,
 )
-from pinograsp.forces.lattice import first_on_lattice
-from pinograsp.forces.solvers import TOLERANCES, solve_qp
+from pinograsp.forces.grid.lattice import first_on_lattice
+from pinograsp.forces.solve.solvers import TOLERANCES, solve_qp
 from pinograsp.objects import Cylinder, Sphere
 
 
@@ -454,7 +454,7 @@ def test_lattice_search_finds_the_first_point():
         columns = problem.scaled_columns
         tangential = columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]
         grid = GridSpec(multipliers=values)
-        from pinograsp.forces.grid import options
+        from pinograsp.forces.grid.cells import options
 
         listed = []
         for index in np.ndindex(5, 5, 5, 5):
@@ -520,7 +520,7 @@ def test_ctrl_c_returns_what_there_is(make_problem, monkeypatch):
     found = grid_search(make_problem())
     assert found.status is Status.INTERRUPTED and not found.found
 
-    from pinograsp.forces import grid as grid_module
+    from pinograsp.forces.grid import cells as grid_module
 
     real = grid_module._first_hits
     monkeypatch.setattr(

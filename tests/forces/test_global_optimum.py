@@ -20,7 +20,7 @@ from pinograsp.forces import (
     optimize_forces,
     optimize_grasp,
 )
-from pinograsp.forces.solver_order import SolverOrder
+from pinograsp.forces.solve.solver_order import SolverOrder
 
 
 def least_peak(problem) -> float:

@@ -7,8 +7,8 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.errors import Status
-from pinograsp.forces.batch import program_of
-from pinograsp.forces.conic import ConicMethod, exponents_of
+from pinograsp.forces.solve.batch import program_of
+from pinograsp.forces.solve.conic import ConicMethod, exponents_of
 from pinograsp.spatial import tangent_frame
 
 MODELS = {"cone": pg.Friction(model="cone"), "pyramid": pg.Friction(), "soft": pg.Friction(model="soft", torsion=3e-3)}

@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 import pinograsp as pg
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import Reserve, optimize_reserve
-from pinograsp.forces.reserve import CIRCUMSCRIBED
+from pinograsp.forces.robust.reserve import CIRCUMSCRIBED
 
 CONE = pg.Friction(model="cone")
 FREE = {"acceleration_range": (1e-6, 20.0), "max_depth": 5e-2}  # limits of F_n that do not bind

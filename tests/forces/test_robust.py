@@ -196,7 +196,7 @@ def test_crossed_bounds(make_problem, monkeypatch, compiled):
 
 def test_the_load_that_cannot_be_held_is_found_in_bulk(make_problem, monkeypatch):
     """Where the core is installed all loads are looked at together: the proof is of the same load."""
-    from pinograsp.forces import batch
+    from pinograsp.forces.solve import batch
 
     problem = make_problem(balance="wrench", friction=CONE)
     load = np.array(problem.load)

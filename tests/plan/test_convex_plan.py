@@ -14,7 +14,7 @@ import pinograsp as pg
 from pinograsp.cases import load_case
 from pinograsp.cases.published import AS_PUBLISHED
 from pinograsp.errors import CaseRejected, GraspInfeasible, GraspUndecided, InvalidInput, Status, status_of
-from pinograsp.forces import global_optimum
+from pinograsp.forces.grid import global_optimum
 from pinograsp.planner import load_run
 from pinograsp.report import report_failure, report_plan
 from pinograsp.storage import read_run

@@ -10,7 +10,7 @@ import numpy as np
 
 from pinograsp.checks import array_of, instance_of, one_of, shown
 from pinograsp.errors import InvalidInput
-from pinograsp.forces.standard_form import Cones, ConicProgram, QuadraticProgram, SolverAnswer
+from pinograsp.forces.solve.standard_form import Cones, ConicProgram, QuadraticProgram, SolverAnswer
 from pinograsp.spatial import Array
 
 Takes = Literal["qp", "socp"]

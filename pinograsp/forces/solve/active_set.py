@@ -15,11 +15,11 @@ import numpy as np
 from pinograsp.contacts import Friction
 from pinograsp.contacts.compliance import MEASURES
 from pinograsp.errors import InvalidInput
-from pinograsp.forces.answers import ProgramAnswer
 from pinograsp.forces.matrices import Matrices
-from pinograsp.forces.program import Program
-from pinograsp.forces.solvers import quadratic, solve_rows
-from pinograsp.forces.standard_form import QuadraticProgram
+from pinograsp.forces.solve.answers import ProgramAnswer
+from pinograsp.forces.solve.program import Program
+from pinograsp.forces.solve.solvers import quadratic, solve_rows
+from pinograsp.forces.solve.standard_form import QuadraticProgram
 from pinograsp.spatial import Array, IntArray
 
 _PROXIMAL = 1e-5  # against an objective of order one; below 1e-9 dense active-set solvers lose the Hessian
@@ -35,7 +35,7 @@ class DenseMethod:
     """Newton's method over a dense QP solver, for the programs that share these matrices.
 
     Attributes:
-        solver: name of the QP solver, see :func:`~pinograsp.forces.solvers.qp_solvers`.
+        solver: name of the QP solver, see :func:`~pinograsp.forces.solve.solvers.qp_solvers`.
     """
 
     def __init__(self, matrices: Matrices, solver: str):

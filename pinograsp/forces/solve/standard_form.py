@@ -1,9 +1,10 @@
 """The force problem as other solvers take it: a quadratic program, or a program over cones. Records and their methods.
 
-Both are the program of :mod:`pinograsp.forces.program` at one impact time and objective: balance (Eq. 15), friction
-(Eq. 16 for the paper's pyramid), the range of F_n (Eqs. 13), torque limits; the grasp energy (Eqs. 9 and 11) as its
-objective, or another. They are dimensionless: a column's ``scale`` turns its unknown into newtons (of a torsional
-moment, newton metres), and the objective in its own unit is ``objective_scale`` (1/2 x'P x + q'x) + ``constant``.
+Both are the program of :mod:`pinograsp.forces.solve.program` at one impact time and objective: balance (Eq. 15),
+friction (Eq. 16 for the paper's pyramid), the range of F_n (Eqs. 13), torque limits; the grasp energy (Eqs. 9 and 11)
+as its objective, or another. They are dimensionless: a column's ``scale`` turns its unknown into newtons (of a
+torsional moment, newton metres), and the objective in its own unit is ``objective_scale`` (1/2 x'P x + q'x) +
+``constant``.
 """
 
 from __future__ import annotations

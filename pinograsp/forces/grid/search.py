@@ -8,12 +8,12 @@ from typing import Literal, TypeAlias, get_args
 
 from pinograsp.checks import instance_of, one_of
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.grid import GridSpec, brute_force
-from pinograsp.forces.multipliers import refine_multipliers
+from pinograsp.forces.grid.cells import GridSpec, brute_force
+from pinograsp.forces.grid.pruned import hybrid_search, pruned_search
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.pruned import hybrid_search, pruned_search
 from pinograsp.forces.solution import GridSolution
-from pinograsp.forces.solvers import QPSolverName, qp_solvers
+from pinograsp.forces.solve.multipliers import refine_multipliers
+from pinograsp.forces.solve.solvers import QPSolverName, qp_solvers
 
 GridSearch: TypeAlias = Literal["hybrid", "paper", "paper+qp"]
 GridMethod: TypeAlias = Literal["pruned", "brute"]
@@ -40,7 +40,7 @@ def grid_search(
             ``"paper+qp"``: the same, then the QP over (k1, k2) at the normal forces found.
         method: how the paper's grid is searched, ``"pruned"`` (exact, fast) or ``"brute"`` (every point); the result is
             the same.
-        solver: QP solver, one of :func:`~pinograsp.forces.solvers.qp_solvers`.
+        solver: QP solver, one of :func:`~pinograsp.forces.solve.solvers.qp_solvers`.
         progress: progress bar on stderr: None (long searches on a terminal), True or False.
 
     Returns:

@@ -9,15 +9,15 @@ from typing import Any
 
 from pinograsp.checks import instance_of, read_only
 from pinograsp.errors import Status
-from pinograsp.forces.active_set import DenseMethod
-from pinograsp.forces.answers import ProgramAnswer, certify_answer
-from pinograsp.forces.conic import ConicMethod, exponents_of
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective, Program, program_at, weights_of
 from pinograsp.forces.solution import ConvexSolution, solution_of
-from pinograsp.forces.solver_order import ProgramOutcome
-from pinograsp.forces.standard_form import NORMAL, Column, ForceQP, ForceSOCP, ScaledForces
+from pinograsp.forces.solve.active_set import DenseMethod
+from pinograsp.forces.solve.answers import ProgramAnswer, certify_answer
+from pinograsp.forces.solve.conic import ConicMethod, exponents_of
+from pinograsp.forces.solve.program import Objective, Program, program_at, weights_of
+from pinograsp.forces.solve.solver_order import ProgramOutcome
+from pinograsp.forces.solve.standard_form import NORMAL, Column, ForceQP, ForceSOCP, ScaledForces
 from pinograsp.spatial import Array
 
 

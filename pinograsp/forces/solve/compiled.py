@@ -1,8 +1,9 @@
 """The compiled path: scale, solve, check and record one force problem in a single call of the core.
 
-Data that depend neither on the load nor on the impact time are in a :class:`~pinograsp.forces.template.Template`, data
-that do not depend on the load in :class:`PreparedForces`. The checks are those of :mod:`pinograsp.forces.program`; the
-tests compare the two. Problems that this path cannot certify go to the general one.
+Data that depend neither on the load nor on the impact time are in a
+:class:`~pinograsp.forces.solve.template.Template`, data that do not depend on the load in :class:`PreparedForces`. The
+checks are those of :mod:`pinograsp.forces.solve.program`; the tests compare the two.
+Problems that this path cannot certify go to the general one.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ import numpy as np
 
 from pinograsp import core
 from pinograsp.checks import record_of
-from pinograsp.forces.answers import Checks, ProgramAnswer
 from pinograsp.forces.certificate import NEGLIGIBLE, TOLERANCE, VANISHING, Certificate
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import EnergyTerms, Program
-from pinograsp.forces.template import Template
+from pinograsp.forces.solve.answers import Checks, ProgramAnswer
+from pinograsp.forces.solve.program import EnergyTerms, Program
+from pinograsp.forces.solve.template import Template
 from pinograsp.spatial import Array
 
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, instance_of, number, share_of
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput
-from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.robust.load_set import LoadSet
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 

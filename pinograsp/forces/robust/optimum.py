@@ -27,12 +27,12 @@ from pinograsp.checks import array_of, instance_of, one_of
 from pinograsp.contacts import Friction
 from pinograsp.contacts.compliance import MEASURES
 from pinograsp.errors import InvalidInput
-from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.matrices import elastic_reaction, matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective, assemble, energy_terms_at, weights_of
-from pinograsp.forces.robust_forces import Reaction, RobustForces, StiffnessScenario
-from pinograsp.forces.robust_program import ReactedLoads, RobustProgram
+from pinograsp.forces.robust.forces import Reaction, RobustForces, StiffnessScenario
+from pinograsp.forces.robust.load_set import LoadSet
+from pinograsp.forces.robust.program import ReactedLoads, RobustProgram
+from pinograsp.forces.solve.program import Objective, assemble, energy_terms_at, weights_of
 from pinograsp.spatial import Array
 
 _EDGES_FOR_BALLS = 16

@@ -13,11 +13,11 @@ from pinograsp.checks import array_of, instance_of
 from pinograsp.contacts import Compliance
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective
-from pinograsp.forces.reserve import Reserve, held_body
-from pinograsp.forces.robust import Restrictions, optimize_robust, robust_at, robust_weights
-from pinograsp.forces.robust_forces import RobustForces, StiffnessScenario
+from pinograsp.forces.robust.forces import RobustForces, StiffnessScenario
+from pinograsp.forces.robust.optimum import Restrictions, optimize_robust, robust_at, robust_weights
+from pinograsp.forces.robust.reserve import Reserve, held_body
 from pinograsp.forces.solution import ConvexSolution
+from pinograsp.forces.solve.program import Objective
 from pinograsp.spatial import Array
 
 # A search over t_I ends at that share of the range, or after so many programs of some 10 ms each.

@@ -12,18 +12,18 @@ import numpy as np
 from pinograsp import core
 from pinograsp.checks import one_of
 from pinograsp.errors import Status
-from pinograsp.forces.active_set import DenseMethod
-from pinograsp.forces.answers import CertifiedForces, ProgramAnswer, certify_answer
 from pinograsp.forces.certificate import Infeasibility
-from pinograsp.forces.compiled import solve_program
-from pinograsp.forces.conic import HUGE, ConicMethod, exponents_of
 from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program
-from pinograsp.forces.registry import Takes, ask_solver, list_registered, register
-from pinograsp.forces.solvers import OwnQPSolver, qp_solvers
-from pinograsp.forces.template import Template
+from pinograsp.forces.solve.active_set import DenseMethod
+from pinograsp.forces.solve.answers import CertifiedForces, ProgramAnswer, certify_answer
+from pinograsp.forces.solve.compiled import solve_program
+from pinograsp.forces.solve.conic import HUGE, ConicMethod, exponents_of
+from pinograsp.forces.solve.program import Program
+from pinograsp.forces.solve.registry import Takes, ask_solver, list_registered, register
+from pinograsp.forces.solve.solvers import OwnQPSolver, qp_solvers
+from pinograsp.forces.solve.template import Template
 
 _USEFUL = 1e-3  # relative to the load: forces that miss their limits by more are not recorded
 CompiledName = Literal["interior", "newton"]

@@ -1,4 +1,4 @@
-"""The convex program of :mod:`pinograsp.forces.robust`, its dual bound, proofs and certificate."""
+"""The convex program of :mod:`pinograsp.forces.robust.optimum`, its dual bound, proofs and certificate."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pinograsp import core
 from pinograsp.checks import frozen, read_only
 from pinograsp.errors import Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, objective_size_of
-from pinograsp.forces.conic import Cone, Triplets, cone_rows, solve, sparse
 from pinograsp.forces.infeasibility import prove
-from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program, feasibility
-from pinograsp.forces.robust_forces import Reaction, RobustForces
+from pinograsp.forces.robust.forces import Reaction, RobustForces
+from pinograsp.forces.robust.load_set import LoadSet
+from pinograsp.forces.solve.conic import Cone, Triplets, cone_rows, solve, sparse
+from pinograsp.forces.solve.program import Program, feasibility
 from pinograsp.spatial import Array
 
 
@@ -255,7 +255,7 @@ class RobustProgram:
         return np.einsum("sk,skj->j", slopes, self.shares[0]) + v @ self.fixed, constant
 
     def lower_bound(self, z: Array, dual: Array) -> float:
-        """Proven bound of the objective: as in :mod:`pinograsp.forces.program`, with F_n shared by all loads."""
+        """Proven bound of the objective: as in :mod:`pinograsp.forces.solve.program`, with F_n shared by all loads."""
         p = self.program
         s, total = self.shared(*self.multipliers(dual))
         return total + p.separable(s, np.clip(z[: self.k], p.lo, p.hi))
@@ -371,7 +371,7 @@ class RobustProgram:
         low, high = self.problem.normal_force_range(self.t)
         if not core.installed() or np.any(low > high):
             return singles
-        from pinograsp.forces.batch import ForceBatch, solve_batch
+        from pinograsp.forces.solve.batch import ForceBatch, solve_batch
 
         free = [replace(single, torques=None) for single in singles]
         held = solve_batch(ForceBatch.of(free, self.t), objective="work").ok

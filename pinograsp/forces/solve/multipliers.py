@@ -20,7 +20,7 @@ from pinograsp.checks import array_of, at_least_zero, brief, frozen, instance_of
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solvers import QPSolverName, qp_solvers, solve_qp
+from pinograsp.forces.solve.solvers import QPSolverName, qp_solvers, solve_qp
 from pinograsp.spatial import Array
 
 # Weight of ||k||^2 against ||r||^2 (normalised by the largest column): selects the least-norm multipliers. Below 1e-10

@@ -13,10 +13,10 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-from pinograsp.forces.answers import ProgramAnswer
 from pinograsp.forces.matrices import Matrices
-from pinograsp.forces.program import Program
-from pinograsp.forces.standard_form import Cones, ConicProgram
+from pinograsp.forces.solve.answers import ProgramAnswer
+from pinograsp.forces.solve.program import Program
+from pinograsp.forces.solve.standard_form import Cones, ConicProgram
 from pinograsp.spatial import Array, IntArray
 
 _SETTINGS = {

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import brief, read_only
 from pinograsp.contacts import ContactSet, Friction
 from pinograsp.contacts.quality import Balance
-from pinograsp.forces.conic import solve, solve_linear, sparse
 from pinograsp.forces.matrices import balance_columns
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import feasibility
+from pinograsp.forces.solve.conic import solve, solve_linear, sparse
+from pinograsp.forces.solve.program import feasibility
 from pinograsp.spatial import Array
 
 

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from pinograsp.checks import array_of, at_least_zero, brief, instance_of, integer, number, read_only, shown
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.batch import ForceBatch, solve_batch
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.solve.batch import ForceBatch, solve_batch
 from pinograsp.spatial import Array, BoolArray
 
 

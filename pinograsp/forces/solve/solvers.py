@@ -11,8 +11,8 @@ import qpsolvers
 import scipy.sparse as sp
 
 from pinograsp.checks import one_of
-from pinograsp.forces.registry import Answered, ask_solver, list_registered
-from pinograsp.forces.standard_form import QuadraticProgram
+from pinograsp.forces.solve.registry import Answered, ask_solver, list_registered
+from pinograsp.forces.solve.standard_form import QuadraticProgram
 from pinograsp.spatial import Array, BoolArray
 
 # The defaults of ProxQP and OSQP (1e-3 to 1e-5) leave residuals that the certificates reject; below 1e-10 Clarabel

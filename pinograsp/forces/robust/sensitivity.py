@@ -22,10 +22,10 @@ import numpy as np
 from pinograsp.checks import brief, instance_of, read_only
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import Tolerance, objective_size_of
-from pinograsp.forces.conic import ConicMethod, exponents_of
 from pinograsp.forces.matrices import matrices_of
-from pinograsp.forces.program import program_at
 from pinograsp.forces.solution import ConvexSolution
+from pinograsp.forces.solve.conic import ConicMethod, exponents_of
+from pinograsp.forces.solve.program import program_at
 from pinograsp.spatial import Array, skew
 
 _SINGULAR = 1e-10  # relative to the largest singular value

@@ -21,14 +21,14 @@ from tqdm import tqdm
 
 from pinograsp.checks import one_of
 from pinograsp.errors import Status
-from pinograsp.forces import grid as g
 from pinograsp.forces.certificate import TOLERANCE, load_size_of
-from pinograsp.forces.grid import Cell, GridSpec, TimeTable, grid_solution, options, tabulate
-from pinograsp.forces.lattice import first_on_lattice
-from pinograsp.forces.multipliers import MultiplierSolution, refine_multipliers
+from pinograsp.forces.grid import cells as g
+from pinograsp.forces.grid.cells import Cell, GridSpec, TimeTable, grid_solution, options, tabulate
+from pinograsp.forces.grid.lattice import first_on_lattice
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import GridSolution
-from pinograsp.forces.solvers import QPSolverName, qp_solvers
+from pinograsp.forces.solve.multipliers import MultiplierSolution, refine_multipliers
+from pinograsp.forces.solve.solvers import QPSolverName, qp_solvers
 from pinograsp.spatial import Array, IntArray
 
 _Entries = TypeVar("_Entries", Array, IntArray)
@@ -40,7 +40,7 @@ _NEVER = np.iinfo(np.int64).max
 def pruned_search(
     problem: ForceProblem, grid: GridSpec, *, solver: QPSolverName = "daqp", progress: bool | None = None
 ) -> GridSolution:
-    """The paper's grid search with the same optimum as :func:`~pinograsp.forces.grid.brute_force`, ties included.
+    """The paper's grid search with the same optimum as :func:`~pinograsp.forces.grid.cells.brute_force`, ties included.
 
     A cell that no continuous multipliers balance within ``grid.residual_limit`` is rejected; in the others the
     multiplier grid is searched. ``solver`` only computes bounds, each of which is checked: it can change the computing

@@ -36,8 +36,8 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Tolerance
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective, Program, assemble, weights_of
-from pinograsp.forces.solver_order import SolverOrder
+from pinograsp.forces.solve.program import Objective, Program, assemble, weights_of
+from pinograsp.forces.solve.solver_order import SolverOrder
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _AT_ONCE = 2048  # problems per compiled call: an interruption waits for the end of one, some milliseconds

@@ -10,7 +10,7 @@ import numpy as np
 from pinograsp.checks import frozen
 from pinograsp.forces.certificate import TOLERANCE, Certificate, objective_size_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program
+from pinograsp.forces.solve.program import Program
 from pinograsp.spatial import Array
 
 

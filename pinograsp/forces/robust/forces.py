@@ -12,13 +12,13 @@ from scipy.optimize import nnls
 
 from pinograsp.checks import array_of, brief
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.answers import Checks, ProgramAnswer, certify_answer
 from pinograsp.forces.certificate import Certificate, Infeasibility
-from pinograsp.forces.load_set import LoadSet
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import feasibility
+from pinograsp.forces.robust.load_set import LoadSet
 from pinograsp.forces.solution import ConvexSolution, solution_of
-from pinograsp.forces.solver_order import ProgramOutcome
+from pinograsp.forces.solve.answers import Checks, ProgramAnswer, certify_answer
+from pinograsp.forces.solve.program import feasibility
+from pinograsp.forces.solve.solver_order import ProgramOutcome
 from pinograsp.spatial import Array
 
 Reaction = Literal["friction", "elastic"]

@@ -17,14 +17,14 @@ from tqdm import tqdm
 
 from pinograsp.checks import instance_of, number
 from pinograsp.errors import InvalidInput, Status
-from pinograsp.forces.answers import CertifiedForces
 from pinograsp.forces.certificate import Infeasibility
-from pinograsp.forces.grid import progress_bar
+from pinograsp.forces.grid.cells import progress_bar
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Objective, Program, assemble, energy_terms_at, program_at, weights_of
 from pinograsp.forces.solution import Branch, GlobalSolution, solution_of
-from pinograsp.forces.solver_order import ProgramOutcome, SolverName, SolverOrder, check_solver
+from pinograsp.forces.solve.answers import CertifiedForces
+from pinograsp.forces.solve.program import Objective, Program, assemble, energy_terms_at, program_at, weights_of
+from pinograsp.forces.solve.solver_order import ProgramOutcome, SolverName, SolverOrder, check_solver
 
 _NARROWEST = 1e-10  # [s]: on narrower intervals of t_I the bounds differ by less than the certificates' accuracy
 # Largest number of intervals that are split, and of relaxations that no solver decides: at the limit of feasibility

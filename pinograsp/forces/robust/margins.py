@@ -1,7 +1,7 @@
 """Margins of a given grasp: how much more load it holds, and how near its contacts are to slipping.
 
 With the normal forces fixed (as commanded to the hand) only friction reacts to a change of the load; or the contacts
-give way as equal springs, too: see :mod:`pinograsp.forces.robust`.
+give way as equal springs, too: see :mod:`pinograsp.forces.robust.optimum`.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from pinograsp.checks import array_of, at_least_zero, brief, instance_of, number
 from pinograsp.contacts.inscribed_ball import InscribedBall, inscribed_ball
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.certificate import TOLERANCE
-from pinograsp.forces.conic import cone_rows, solve_linear
 from pinograsp.forces.infeasibility import extreme_multiple, holds, measure_miss
 from pinograsp.forces.matrices import elastic_reaction
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.program import Program, feasibility
-from pinograsp.forces.robust_forces import Reaction
+from pinograsp.forces.robust.forces import Reaction
 from pinograsp.forces.solution import ForceSolution
+from pinograsp.forces.solve.conic import cone_rows, solve_linear
+from pinograsp.forces.solve.program import Program, feasibility
 from pinograsp.spatial import Array, IntArray
 from pinograsp.words import lines_of
 

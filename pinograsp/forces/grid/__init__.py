@@ -1,0 +1,1 @@
+"""The paper's grid over the unknowns, and the global optimum."""

@@ -1,0 +1,1 @@
+"""Forces and grasps that withstand more than the load: reserves, sets of loads, margins, sensitivity."""
