@@ -26,7 +26,7 @@ from pinograsp.hands.urdf_couplings import add_couplings
 from pinograsp.hands.urdf_drives import actuation_of
 from pinograsp.hands.urdf_file import read_urdf
 from pinograsp.hands.urdf_tree import cut_out
-from pinograsp.hands.xacro_guard import expand_xacro
+from pinograsp.hands.xacro_files import expand_xacro
 
 if TYPE_CHECKING:
     import mujoco

@@ -132,7 +132,7 @@ class HandDescription:
 
     def write(self, folder: str | Path) -> tuple[Path, Path]:
         """Write ``<name>.urdf.xacro`` and the ``<name>.urdf`` that xacro makes of it; returns both paths."""
-        from pinograsp.hands.xacro_guard import expand_xacro
+        from pinograsp.hands.xacro_files import expand_xacro
 
         source = Path(folder) / f"{self.name}.urdf.xacro"
         source.write_text(self.to_xacro(), encoding="utf-8")

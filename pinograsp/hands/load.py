@@ -83,7 +83,7 @@ def load_hand(
         springs: springs at joints that replace the file's.
         hulls: take the convex hulls of the links' meshes, as physics engines do; contacts where a link is hollow are
             told by the plan. False: the meshes as they are, for which plans are slower, and simulations differ.
-        trusted: let a xacro file run everything xacro offers (see :mod:`pinograsp.hands.xacro_guard`), and an MJCF file
+        trusted: let a xacro file run everything xacro offers (see :mod:`pinograsp.hands.xacro_files`), and an MJCF file
             include files from outside its own folder.
         packages: folders of ROS packages, ``{name: folder}``, for ``$(find name)`` and ``package://name/``. Others are
             looked for in the folders above the file, in ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH; ROS is not needed.

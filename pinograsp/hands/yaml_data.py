@@ -11,7 +11,7 @@ import yaml
 from pinograsp.hands import arithmetic
 from pinograsp.hands.elements import read_bytes
 
-SUFFIXES = (".yaml", ".yml")
+_SUFFIXES = (".yaml", ".yml")
 _MOST_BYTES = 100_000
 _DEEPEST = 50  # lists and mappings inside each other
 # Numbers with units, as xacro reads them: in radians and metres.
@@ -29,7 +29,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # it has no types
     """Builds plain data, and numbers with units."""
 
     def number(self, node: yaml.ScalarNode) -> float:
-        return float(arithmetic.evaluate(node.value, {})) * _UNITS[str(node.tag)]
+        return float(arithmetic.evaluate(node.value, {}, {})) * _UNITS[str(node.tag)]
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         super().flatten_mapping(node)
@@ -48,6 +48,8 @@ def read_yaml(path: Path) -> Any:
         OSError: it cannot be read.
         ValueError: not YAML, more than plain data, or too large.
     """
+    if path.suffix not in _SUFFIXES:
+        raise ValueError(f"only {' and '.join(_SUFFIXES)} files are allowed")
     text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
     try:
         value = yaml.load(text, _Loader)

@@ -26,7 +26,7 @@ from pinograsp.hands.catalogue import shipped_folder as urdf_folder
 from pinograsp.hands.geometry import hull_points
 from pinograsp.hands.humanoid import case_study_pose, humanoid_hand
 from pinograsp.hands.load import ON_ROOT
-from pinograsp.hands.xacro_guard import expand_xacro
+from pinograsp.hands.xacro_files import expand_xacro
 
 # Tables II and III once more, typed from the paper, in mm.
 LENGTHS = {

@@ -12,7 +12,7 @@ import time
 import pytest
 
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands.xacro_guard import expand_xacro
+from pinograsp.hands.xacro_files import expand_xacro
 
 HEAD = '<?xml version="1.0"?><robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 
@@ -264,6 +264,9 @@ def properties(n):
         '<xacro:include filename="hand.urdf.xacro"/>' * 2,
         "<a>" * 3000 + "</a>" * 3000,
         "<a/>" * 210_000,
+        properties(6) + f'<xacro:arg name="a" default="{"${p6}" * 400}"/><link name="{"$(arg a)" * 1000}"/>',
+        doubling(16, "<a" + "".join(f" a{i}='x'" for i in range(900)) + "/>"),
+        f'<xacro:macro name="m" params="{"a " * 2_000_000}"/>',
     ],
 )
 def test_bombs_do_not_go_off(tmp_path, body):

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands.xacro_guard import expand_xacro
+from pinograsp.hands.xacro_files import expand_xacro
 
 HEAD = '<?xml version="1.0"?><robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 DATA = """

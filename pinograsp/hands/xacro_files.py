@@ -1,0 +1,78 @@
+"""Xacro files, expanded by xacro without ROS: guarded, unless the caller trusts the file."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import io
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from pinograsp.errors import HandNotLoaded
+from pinograsp.hands.arithmetic import NotAllowed
+from pinograsp.hands.file_reads import digest_of
+from pinograsp.hands.ros_packages import Packages, find_package
+from pinograsp.hands.xacro_guard import PACKAGE, Guard
+
+_ONE_AT_A_TIME = threading.Lock()  # for the error stream is everybody's
+
+
+def expand_xacro(
+    path: str | Path,
+    mappings: Mapping[str, object] | None = None,
+    *,
+    trusted: bool = False,
+    packages: Packages = MappingProxyType({}),
+) -> str:
+    """The URDF text that xacro makes of the file at ``path``.
+
+    ``mappings`` fills ``<xacro:arg>``. With ``trusted=False`` (default) a file that asks for more than arithmetic and
+    includes of its own folder, or of packages in the folders above it and where ROS looks, is refused with
+    :class:`HandNotLoaded` where xacro comes to that. ``trusted=True`` hands the file to xacro as it is: it can then
+    read any file and run any program the user can, so use it for your own files only. ``packages`` gives the folders of
+    ROS packages by name, which are looked for first; neither way needs an installation of ROS.
+    """
+    path = Path(path)
+    texts = {name: str(value) for name, value in (mappings or {}).items()}
+    spec: Any = importlib.util.find_spec("xacro")  # never None: the package depends on it
+    module: Any = importlib.util.module_from_spec(spec)  # a copy: xacro keeps its state in its module
+    spec.loader.exec_module(module)
+    try:
+        with _ONE_AT_A_TIME, contextlib.redirect_stderr(io.StringIO()):  # xacro prints what its errors say as well
+            (_find_packages if trusted else Guard)(module, path.resolve().parent, packages)
+            document = module.process_file(str(path), mappings=texts)
+        for name in (str(path), *module.all_includes) if trusted else ():
+            with contextlib.suppress(OSError):
+                digest_of(name)
+        # Without xacro's banner, which carries the path that it was given: not reproducible.
+        lines = document.documentElement.toprettyxml(indent="  ").splitlines()
+    except Exception as error:  # xacro raises its own, the XML parser's, and whatever an expression raises
+        problem = "it includes or calls itself without end" if isinstance(error, RecursionError) else str(error)
+        place = "".join(f"{Path(name).name}: " for name in (getattr(module, "filestack", None) or [])[-1:])
+        problems = [place + line for line in problem.split("\n")]
+        if isinstance(_cause_of(error), NotAllowed | SyntaxError):
+            raise HandNotLoaded(path, [*problems, "pass trusted=True if you trust this file"]) from error
+        raise HandNotLoaded(path, f"xacro could not expand it: {'; '.join(problems)}") from error
+    return "\n".join(['<?xml version="1.0" ?>', *filter(str.strip, lines)]) + "\n"
+
+
+def _cause_of(error: BaseException) -> BaseException:
+    """What xacro's own errors wrap."""
+    while isinstance(inner := getattr(error, "exc", None), BaseException):
+        error = inner
+    return error
+
+
+def _find_packages(module: Any, folder: Path, packages: Packages) -> None:
+    """Let a copy of xacro find packages without ROS."""
+    evaluate = module.eval_extension
+
+    def evaluate_extension(text: str) -> Any:  # what xacro makes of it
+        package = PACKAGE.fullmatch(text)
+        found = package and find_package(package[1], folder, packages)
+        return str(found) if found else evaluate(text)
+
+    module.eval_extension = evaluate_extension
