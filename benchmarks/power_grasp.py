@@ -22,7 +22,7 @@ import numpy as np
 from results import header, table, write_rows
 
 import pinograsp as pg
-from pinograsp.hands.dh import Ellipsoid, FingerDescription, HandDescription, Link
+from pinograsp.hands.dh import FingerDescription, HandDescription, Link, PhalanxShape
 
 HERE = Path(__file__).resolve().parent
 RADIUS, PHALANX, THICKNESS, PALM = 0.03, 0.04, 0.008, 0.006  # object, length, half thickness, half thickness [m]
@@ -34,7 +34,7 @@ def five_fingers() -> HandDescription:
     # Distance of a knuckle from the cylinder's axis, so that half a phalanx reaches the point of touch.
     far, high = math.hypot(RADIUS + THICKNESS, PHALANX / 2), RADIUS + PALM
     aside = math.sqrt(far**2 - high**2)
-    phalanx = Ellipsoid(a=PHALANX / 2, b=THICKNESS, c=THICKNESS)
+    phalanx = PhalanxShape(a=PHALANX / 2, b=THICKNESS, c=THICKNESS)
     fingers = []
     for name, y in {"index": -0.05, "middle": -0.025, "thumb": 0.0, "ring": 0.025, "little": 0.05}.items():
         side = -1.0 if name == "thumb" else 1.0
@@ -45,7 +45,7 @@ def five_fingers() -> HandDescription:
             Link(joint=f"{name}_{part}_joint", link=f"{name}_{part}", a=PHALANX, lower=low, upper=high, phalanx=phalanx)
             for part, low, high in (("proximal", 0.3, 2.6), ("middle", -0.6, 1.8), ("distal", -0.6, 1.8))
         )
-        palm = None if name == "thumb" else Ellipsoid(a=aside, b=0.01, c=PALM)
+        palm = None if name == "thumb" else PhalanxShape(a=aside, b=0.01, c=PALM)
         fingers.append(FingerDescription(name=name, base=base, links=links, metacarpal=palm))
     return HandDescription(name="five_fingers", fingers=tuple(fingers), density=1000.0, effort=1.5, velocity=5.0)
 

@@ -5,7 +5,7 @@ from math import pi, radians
 from pathlib import Path
 
 import pinograsp as pg
-from pinograsp.hands.dh import Ellipsoid, FingerDescription, HandDescription, Link
+from pinograsp.hands.dh import FingerDescription, HandDescription, Link, PhalanxShape
 from pinograsp.spatial import pose_of, rotation_rpy
 
 
@@ -18,7 +18,7 @@ def finger(name: str, at: list[float], yaw: float) -> FingerDescription:
             a=0.045,
             lower=radians(-60),
             upper=radians(90),
-            phalanx=Ellipsoid(a=0.0225, b=0.008, c=0.008),
+            phalanx=PhalanxShape(a=0.0225, b=0.008, c=0.008),
         ),
         Link(
             joint=f"{name}_pip",
@@ -26,7 +26,7 @@ def finger(name: str, at: list[float], yaw: float) -> FingerDescription:
             a=0.035,
             lower=0.0,
             upper=radians(100),
-            phalanx=Ellipsoid(a=0.0175, b=0.007, c=0.007),
+            phalanx=PhalanxShape(a=0.0175, b=0.007, c=0.007),
         ),
     )
     # The frame's x points along the stretched finger (up), its z along the flexion axis.

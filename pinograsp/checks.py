@@ -52,7 +52,7 @@ def record_of(kind: type[_Kind], values: Mapping[str, object]) -> _Kind:
     return record
 
 
-def rebuilt(record: DataclassInstance) -> tuple[Callable[[], DataclassInstance], tuple[()]]:
+def rebuild(record: DataclassInstance) -> tuple[Callable[[], DataclassInstance], tuple[()]]:
     """For ``__reduce__``: a record is rebuilt from its constructor's arguments, without what it has cached since."""
     arguments = {field.name: getattr(record, field.name) for field in fields(record) if field.init}
     return functools.partial(type(record), **arguments), ()
@@ -62,7 +62,7 @@ _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
 
-def shown(value: object) -> str:
+def shorten(value: object) -> str:
     """``value`` for a message: on one line, and shortened."""
     try:
         return " ".join(_SHORT.repr(value).split())
@@ -138,7 +138,7 @@ def array_of(name: str, value: object, shape: tuple[int | None, ...]) -> Array:
     # The sum of squares is quicker to look at, but may overflow; of many numbers BLAS would start threads for it.
     small = array.size <= _FEW and math.isfinite(np.vdot(array, array))
     if not small and not np.isfinite(array).all():
-        raise InvalidInput(f"{name}: expected finite numbers, got {shown(array.tolist())}")
+        raise InvalidInput(f"{name}: expected finite numbers, got {shorten(array.tolist())}")
     return frozen(array)
 
 
@@ -164,14 +164,14 @@ def floats_of(name: str, value: object, wanted: str = "numbers") -> Array:
         with np.errstate(over="ignore"):
             return np.array(array, dtype=float, order="C")
     except (TypeError, ValueError, OverflowError, RecursionError):
-        raise InvalidInput(f"{name}: expected {wanted}, got {shown(value)}") from None
+        raise InvalidInput(f"{name}: expected {wanted}, got {shorten(value)}") from None
 
 
 def finite_of(name: str, value: object) -> Array:
     """``value`` as a finite float array of any shape, or :class:`InvalidInput`."""
     array = value if type(value) is np.ndarray and value.dtype is _FLOAT else floats_of(name, value)
     if not np.isfinite(array).all():
-        raise InvalidInput(f"{name}: expected finite numbers, got {shown(array.tolist())}")
+        raise InvalidInput(f"{name}: expected finite numbers, got {shorten(array.tolist())}")
     return array
 
 
@@ -179,7 +179,7 @@ def at_least_zero(name: str, value: object) -> Array:
     """``value`` as a finite float array of any shape without negative numbers, or :class:`InvalidInput`."""
     array = finite_of(name, value)
     if array.size and array.min() < 0:
-        raise InvalidInput(f"{name}: expected values >= 0, got {shown(array.tolist())}")
+        raise InvalidInput(f"{name}: expected values >= 0, got {shorten(array.tolist())}")
     return array
 
 
@@ -247,7 +247,7 @@ def number(
         result = _real(value)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(
-            f"{name}: expected {_describe_wanted(above, at_least, at_most, unit)}, got {shown(value)}"
+            f"{name}: expected {_describe_wanted(above, at_least, at_most, unit)}, got {shorten(value)}"
         ) from None
     if (
         not math.isfinite(result)
@@ -294,7 +294,7 @@ def integer(name: str, value: object, *, at_least: int | None = None, at_most: i
     if result is None or (at_least is not None and result < at_least) or (at_most is not None and result > at_most):
         bounds = [f"{sign} {bound}" for sign, bound in ((">=", at_least), ("<=", at_most)) if bound is not None]
         raise InvalidInput(
-            f"{name}: expected an integer{' ' if bounds else ''}{' and '.join(bounds)}, got {shown(value)}"
+            f"{name}: expected an integer{' ' if bounds else ''}{' and '.join(bounds)}, got {shorten(value)}"
         )
     return result
 
@@ -303,7 +303,7 @@ def processes(jobs: object) -> int:
     """``jobs`` as joblib takes it, -1 for all cores, or :class:`InvalidInput`."""
     if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or not (jobs == -1 or 1 <= jobs <= _MOST_JOBS):
         raise InvalidInput(
-            f"jobs: expected a number of processes from 1 to {_MOST_JOBS}, or -1 for all cores, got {shown(jobs)}"
+            f"jobs: expected a number of processes from 1 to {_MOST_JOBS}, or -1 for all cores, got {shorten(jobs)}"
         )
     return int(jobs)
 
@@ -311,23 +311,23 @@ def processes(jobs: object) -> int:
 def flag(name: str, value: object) -> bool:
     """``value`` as True or False, or :class:`InvalidInput`: a text or a number is neither."""
     if not isinstance(value, bool | np.bool_):
-        raise InvalidInput(f"{name}: expected True or False, got {shown(value)}")
+        raise InvalidInput(f"{name}: expected True or False, got {shorten(value)}")
     return bool(value)
 
 
 def text_of(name: str, value: object) -> str:
     """``value`` if it is a text, or :class:`InvalidInput`."""
     if not isinstance(value, str):
-        raise InvalidInput(f"{name}: expected a text, got {shown(value)}")
+        raise InvalidInput(f"{name}: expected a text, got {shorten(value)}")
     return value
 
 
 def path_of(name: str, value: object) -> Path:
     """``value`` as a path, or :class:`InvalidInput`."""
     if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str) or not str(value):
-        raise InvalidInput(f"{name}: expected a path, got {shown(value)}")
+        raise InvalidInput(f"{name}: expected a path, got {shorten(value)}")
     if "\0" in os.fspath(value):  # the system's calls would raise errors of their own
-        raise InvalidInput(f"{name}: expected a path, got one with a null character: {shown(value)}")
+        raise InvalidInput(f"{name}: expected a path, got one with a null character: {shorten(value)}")
     return Path(value)
 
 
@@ -335,7 +335,7 @@ def instance_of(name: str, value: object, *kinds: type[_Kind]) -> _Kind:
     """``value`` if it is of one of the kinds, or :class:`InvalidInput`."""
     if not isinstance(value, kinds):
         names = [kind.__name__ for kind in kinds if kind is not type(None)] + ["None"] * (type(None) in kinds)
-        raise InvalidInput(f"{name}: expected {_list(names)}, got {shown(value)}")
+        raise InvalidInput(f"{name}: expected {_list(names)}, got {shorten(value)}")
     return value
 
 
@@ -349,7 +349,7 @@ def mapping_of(
 ) -> dict[str, _Value]:
     """``value`` as a dict whose keys are texts, or :class:`InvalidInput`."""
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise InvalidInput(f"{name}: expected {wanted}, got {shown(value)}")
+        raise InvalidInput(f"{name}: expected {wanted}, got {shorten(value)}")
     return dict(value)
 
 
@@ -358,11 +358,11 @@ def items_of(name: str, value: object, *kinds: type[_Kind]) -> tuple[_Kind, ...]
     wanted = " or ".join(kind.__name__ for kind in kinds)
     one = isinstance(value, np.ndarray) and value.ndim == 0
     if one or isinstance(value, str | bytes | Mapping | Set) or not isinstance(value, Iterable):
-        raise InvalidInput(f"{name}: expected a sequence of {wanted}, got {shown(value)}")
+        raise InvalidInput(f"{name}: expected a sequence of {wanted}, got {shorten(value)}")
     items = tuple(value)
     for item in items:
         if not isinstance(item, kinds):
-            raise InvalidInput(f"{name}: expected a sequence of {wanted}, got {shown(item)} in it")
+            raise InvalidInput(f"{name}: expected a sequence of {wanted}, got {shorten(item)} in it")
     return items
 
 
@@ -373,4 +373,4 @@ def one_of(name: str, value: object, allowed: Iterable[_Text]) -> _Text:
         return allowed[allowed.index(value)]
     near = difflib.get_close_matches(value[:100], allowed, n=1) if isinstance(value, str) else ()
     hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise InvalidInput(f"{name}: expected one of {', '.join(allowed) or '(none)'}, got {shown(value)}{hint}")
+    raise InvalidInput(f"{name}: expected one of {', '.join(allowed) or '(none)'}, got {shorten(value)}{hint}")

@@ -21,13 +21,13 @@ from pinograsp.forces import Certificate, ConvexSolution, ForceProblem, ForceSol
 from pinograsp.hands import HandModel
 from pinograsp.pages import render
 from pinograsp.plan import PlanRecord, Simulation
-from pinograsp.plan.answer import bears, does_it_hold, friction_model
+from pinograsp.plan.answer import describe_robustness, does_it_hold, friction_model
 from pinograsp.spatial import Array
 from pinograsp.synthesis import FoundGrasp, GraspSearch
 from pinograsp.viz.scene import name_object, split_forces
 from pinograsp.viz.style import contact_colours
 from pinograsp.viz.thumbnail import Seen, thumbnail
-from pinograsp.words import number
+from pinograsp.words import format_number
 
 Level = Literal["yes", "caution", "no"]
 
@@ -120,7 +120,7 @@ def _(plan: PlanRecord) -> _Page:
     colours = contact_colours(contacts.names, plan.layout.fingers)
     _, _, used = split_forces(contacts.rotations_oc, plan.friction.mu, plan.motion.forces_o[-1:])
     rows = [
-        (name, f"{normal:.3g}", _share(share), number(1e3 * depth, 3))
+        (name, f"{normal:.3g}", _share(share), format_number(1e3 * depth, 3))
         for name, normal, share, depth in zip(contacts.names, forces.normal_forces, used[0], forces.final_depths)
     ]
     certificate = forces.certificate
@@ -134,7 +134,7 @@ def _(plan: PlanRecord) -> _Page:
         colours=colours,
         facts=(
             ("peak joint effort", plan.peak_efforts()),
-            ("it bears", "" if plan.margins is None else bears(plan)),
+            ("it withstands", "" if plan.margins is None else describe_robustness(plan)),
             ("friction", friction_model(plan.friction)),
             ("object", "" if plan.body is None else name_object(plan.body)),
             ("t_I, t_F", f"{forces.impact_time:g}, {forces.final_time:g} s"),
@@ -159,7 +159,7 @@ def _(plan: PlanRecord) -> _Page:
 def _(closure: Closure) -> _Page:
     colours = contact_colours([touch.finger for touch in closure.touches], [one.name for one in closure.hand.fingers])
 
-    def seen() -> Seen:
+    def make_view() -> Seen:
         points = np.array([touch.point_o for touch in closure.touches]).reshape(-1, 3)
         normals = np.array([touch.normal_o for touch in closure.touches]).reshape(-1, 3)
         return Seen(
@@ -178,7 +178,7 @@ def _(closure: Closure) -> _Page:
         rows=rows,
         colours=colours,
         remarks=[*(f"self-collision: {one} and {two}" for one, two in closure.self_collisions), *_notes(closure.notes)],
-        seen=seen,
+        seen=make_view,
     )
 
 
@@ -221,7 +221,7 @@ def _(solution: ForceSolution) -> _Page:
         ]
     facts = [("t_I", "" if solution.impact_time is None else f"{solution.impact_time:g} s")]
     if solution.found:
-        left = f"{number(solution.residual_force, 3)} N, {number(solution.residual_moment, 3)} N m"
+        left = f"{format_number(solution.residual_force, 3)} N, {format_number(solution.residual_moment, 3)} N m"
         facts.append(("left over", left))
     if isinstance(solution, ConvexSolution):
         if solution.certificate is not None:
@@ -281,7 +281,7 @@ def _(plan: CarryPlan) -> _Page:
     colours = contact_colours(plan.contacts, [one.name for one in plan.grasp.hand.fingers])
     peak = int(plan.squeeze.argmax())
 
-    def seen() -> Seen:
+    def make_view() -> Seen:
         held = LoadedRobot.carry(plan.robot, plan.grasp)
         now = held.axes(plan.q[peak : peak + 1])[0]
         turn, shift = now[:3, :3], now[:3, 3]
@@ -289,7 +289,7 @@ def _(plan: CarryPlan) -> _Page:
         return Seen(
             hand=plan.robot,
             q=plan.q[peak],
-            body=held.body.placed(now @ held.body.pose),
+            body=held.body.place(now @ held.body.pose),
             points_o=contacts.points_o @ turn.T + shift,
             normals_o=contacts.rotations_oc[:, :, 2] @ turn.T,
             colours=colours,
@@ -314,11 +314,11 @@ def _(plan: CarryPlan) -> _Page:
             ("no timing is faster than", bound),
             ("could be faster by", "" if plan.fastest is not None else f"{plan.factor:.3g} times"),
             ("squeeze", f"{plan.squeeze.min():.3g} to {plan.squeeze[peak]:.3g} N, most at {plan.instants[peak]:.3g} s"),
-            ("bears besides", f"{plan.disturbance[0]:.3g} N in any direction"),
+            ("withstands besides", f"{plan.disturbance[0]:.3g} N in any direction"),
             ("binds", "; ".join(f"{what} ({100 * share:.0f} %)" for what, share in plan.shares()[:4])),
         ),
         remarks=[*(f"caution: {one}" for one in plan.cautions), *_notes(plan.notes)],
-        seen=seen,
+        seen=make_view,
     )
 
 
@@ -353,8 +353,8 @@ def _(search: GraspSearch) -> _Page:
 
 def _worth(grasp: FoundGrasp) -> tuple[tuple[str, str], ...]:
     return (
-        ("squeeze", f"{grasp.squeeze:.3g} N" if grasp.bears else "bears no reserve"),
-        ("quality", number(grasp.quality, 3)),
+        ("squeeze", f"{grasp.squeeze:.3g} N" if grasp.withstands else "withstands no reserve"),
+        ("quality", format_number(grasp.quality, 3)),
         ("doubtful", f"{100 * grasp.doubtful:.0f} %"),
         ("load factor", f"{grasp.load_factor:.3g}"),
     )
@@ -363,8 +363,8 @@ def _worth(grasp: FoundGrasp) -> tuple[tuple[str, str], ...]:
 def _proof(certificate: Certificate, contacts: ContactSet | None) -> list[tuple[str, str]]:
     """What a certificate says; of the active limits where the contacts have names."""
     facts = [
-        ("objective", number(certificate.objective, 6)),
-        ("no forces cost less than", number(certificate.lower_bound, 6)),
+        ("objective", format_number(certificate.objective, 6)),
+        ("no forces cost less than", format_number(certificate.lower_bound, 6)),
         ("relative gap", f"{certificate.relative_gap:.1e}"),
         ("violation", f"{certificate.violation:.1e} N"),
     ]

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 _MOST_LINES = 20
 
 
-def number(value: float | None, digits: int = 4) -> str:
+def format_number(value: float | None, digits: int = 4) -> str:
     """A number for people: plain where that is short, scientific where it is not, a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "-"
@@ -18,13 +18,13 @@ def number(value: float | None, digits: int = 4) -> str:
     return f"{value:.{max(digits - 1 - exponent, 0)}f}" if -4 <= exponent < 6 else f"{value:.{digits - 2}e}"
 
 
-def fixed(value: float, decimals: int) -> str:
+def format_fixed(value: float, decimals: int) -> str:
     """A number with so many decimals, and without a sign where these are all 0."""
     text = f"{value:.{decimals}f}"
     return text.lstrip("-") if not text.strip("-0.") else text
 
 
-def escaped(text: str, keep: str = "") -> str:
+def escape(text: str, keep: str = "") -> str:
     """Text without what would steer a terminal or turn the direction, but for the characters to ``keep``."""
     if text.isprintable():
         return text
@@ -35,7 +35,7 @@ def printable(text: str, most: int = 200) -> str:
     """A name of someone else's as one line of text: no control characters, nothing that turns the direction, at most so
     long.
     """
-    shown = escaped(str(text))
+    shown = escape(str(text))
     return shown if len(shown) <= most else f"{shown[: most - 3]}..."
 
 

@@ -24,7 +24,7 @@ from pinograsp.storage import newest_check
 from pinograsp.viz import figures
 from pinograsp.viz.figures import save_figures
 from pinograsp.viz.scene import make_scene
-from pinograsp.words import fixed, number, printable
+from pinograsp.words import format_fixed, format_number, printable
 
 CHANGES = {"forces.search": "convex", "forces.balance": "wrench", "friction.safety": 1.2}
 
@@ -81,7 +81,7 @@ def test_the_answer_comes_first(run, simulated):
     told = answers(run)
     assert list(told) == [
         "Does it hold?",
-        "What does it bear?",
+        "What does it withstand?",
         "How hard?",
         "How much energy?",
         "Which margin?",
@@ -89,11 +89,11 @@ def test_the_answer_comes_first(run, simulated):
         "Where is the hand?",
     ]
     assert "Barely: " in told["Does it hold?"] and f"{run.forces.normal_forces.sum():.2f} N" in told["How hard?"]
-    bears = told["What does it bear?"]
-    assert f"A push of {number(run.margins.disturbance_force, 3)} N" in bears and "m/s2" in bears
+    bears = told["What does it withstand?"]
+    assert f"A push of {format_number(run.margins.disturbance_force, 3)} N" in bears and "m/s2" in bears
     assert "none: planned for the load alone" in bears
     millijoules = f"{1e3 * run.forces.work:.2f} mJ by Eq. (9), rho + 1 = 2.5 times the contacts' "
-    assert f"{millijoules}{number(1e3 * run.forces.work / 2.5)} mJ" in told["How much energy?"]
+    assert f"{millijoules}{format_number(1e3 * run.forces.work / 2.5)} mJ" in told["How much energy?"]
     assert "proven" in told["How much energy?"] and f"{run.margins.load_factor:.3g} times" in told["Which margin?"]
     assert "pinograsp check" in told["Simulated?"]
     assert "Lost: it fell" in answers(run, simulated["lost"])["Simulated?"]
@@ -510,4 +510,4 @@ def test_torque_maxima_have_names_and_no_rounding(run):
     ("value", "text"), [(-1e-9, "0.0"), (-0.0, "0.0"), (-0.04, "0.0"), (-0.06, "-0.1"), (2.0, "2.0")]
 )
 def test_zeros_have_no_sign(value, text):
-    assert fixed(value, 1) == text
+    assert format_fixed(value, 1) == text

@@ -1,4 +1,4 @@
-"""How planned forces change where the contacts are softer or stiffer than assumed, and which servo gains bear that.
+"""How planned forces change where contacts are softer or stiffer than assumed, and which servo gains withstand that.
 
 A servo is in series with its contacts: where its reference gives F* on contacts of the compliance C*, it gives
 F* (C* + C_h) / (C' + C_h) on those of C', the hand's compliance being C_h (one contact, linear).
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.actuation.compliant_hand import CompliantHand
 from pinograsp.actuation.squeeze import NEGLIGIBLE, Squeeze
-from pinograsp.checks import array_of, brief, frozen, number, shown
+from pinograsp.checks import array_of, brief, frozen, number, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceSolution, StiffnessScenario
 from pinograsp.spatial import Array, BoolArray
@@ -145,7 +145,7 @@ def stiffness_scenarios(
     planned, G = squeeze.planned.ravel(), solution.problem.contacts.G
     back = np.linalg.pinv(G, rcond=_EQUAL)
     for factor in _factors_of(factors).tolist():
-        settled = squeeze.settled(factor)
+        settled = squeeze.settle(factor)
         change = squeeze.response(factor, settled)
         offset = settled.forces.ravel() - change @ planned
         # They balance what the planned ones do: of rounding nothing may be left, where contacts leave no choice.
@@ -185,7 +185,7 @@ def gains_within(
     def band(scale: float) -> ForceBand:
         return _band(squeeze.with_hand(replace(hand, gains=_scale(hand, scale))), factors)
 
-    def found(scale: float, one: ForceBand) -> GainLimit:
+    def make_limit(scale: float, one: ForceBand) -> GainLimit:
         return GainLimit(scale=scale, gains=frozen(_scale(hand, scale)), band=one, monotonic=monotonic)
 
     scales = _as_stiff_as_contacts(squeeze, hand) * np.geomspace(_SOFTEST, _STIFFEST, _TRIED)
@@ -194,10 +194,10 @@ def gains_within(
     monotonic = bool(np.all(deviations[1:] >= (1 - _EQUAL) * deviations[:-1] - _EQUAL))
     if np.all(deviations <= tolerance):
         scale = np.inf if hand.gains.ndim == 1 else float(scales[-1])
-        return found(scale, band(scale))
+        return make_limit(scale, band(scale))
     first = int(np.argmax(deviations > tolerance))
     if first == 0:
-        return found(0.0, band(0.0))
+        return make_limit(0.0, band(0.0))
     low, high, best = float(scales[first - 1]), float(scales[first]), bands[first - 1]
     while high > (1 + _CLOSE) * low:
         middle = float(np.sqrt(low * high))
@@ -206,7 +206,7 @@ def gains_within(
             low, best = middle, tried
         else:
             high = middle
-    return found(low, best)
+    return make_limit(low, best)
 
 
 def _as_stiff_as_contacts(squeeze: Squeeze, hand: CompliantHand) -> float:
@@ -237,13 +237,13 @@ def _factors_of(factors: ArrayLike) -> Array:
     if not found.size or np.any((found < 1 / _FARTHEST_OFF) | (found > _FARTHEST_OFF)):
         raise InvalidInput(
             "stiffness factors: expected one or more ratios of real to assumed stiffness, from "
-            f"{1 / _FARTHEST_OFF:g} to {_FARTHEST_OFF:g}, got {shown(found.tolist())}"
+            f"{1 / _FARTHEST_OFF:g} to {_FARTHEST_OFF:g}, got {shorten(found.tolist())}"
         )
     return found
 
 
 def _band(squeeze: Squeeze, factors: Array) -> ForceBand:
-    settled = [squeeze.settled(float(factor)) for factor in factors]
+    settled = [squeeze.settle(float(factor)) for factor in factors]
     remarks: Sequence[list[str]] = [squeeze.remarks(one) for one in settled]
     return ForceBand(
         factors=frozen(np.array(factors)),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from pinograsp.checks import array_of, at_least_zero, brief, floats_of, frozen, instance_of, read_only, shown
+from pinograsp.checks import array_of, at_least_zero, brief, floats_of, frozen, instance_of, read_only, shorten
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array, BoolArray
@@ -72,7 +72,7 @@ class CompliantHand:
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
-        put("jacobian", bounded("hand Jacobian", array_of("hand Jacobian", self.jacobian, (None, None)), _LONGEST))
+        put("jacobian", check_sizes("hand Jacobian", array_of("hand Jacobian", self.jacobian, (None, None)), _LONGEST))
         rows, n = self.jacobian.shape
         if not rows or rows % 3 or not n:
             raise InvalidInput(
@@ -80,16 +80,16 @@ class CompliantHand:
                 f"{(rows, n)}: CompliantHand.at takes Jacobians as pinograsp.motion gives them"
             )
         S = np.eye(n) if self.transmission is None else array_of("transmission S", self.transmission, (n, None))
-        put("transmission", frozen(bounded("transmission S", S, _LONGEST)))
+        put("transmission", frozen(check_sizes("transmission S", S, _LONGEST)))
         put("gains", _stiffness_of("servo gains", self.gains, S.shape[1], least="zero"))
         if self.joint_stiffness is not None:
             put("joint_stiffness", _stiffness_of("joint stiffness", self.joint_stiffness, n, least="above zero"))
         put("springs", read_only(np.zeros(n)) if self.springs is None else array_of("springs", self.springs, (n,)))
-        _not_tiny("springs", bounded("springs", at_least_zero("springs", self.springs), LARGEST))
+        _not_tiny("springs", check_sizes("springs", at_least_zero("springs", self.springs), LARGEST))
         turning = (
             np.zeros((rows, n)) if self.turning is None else array_of("turning of the links", self.turning, (rows, n))
         )
-        put("turning", frozen(bounded("turning of the links", turning, _LONGEST)))
+        put("turning", frozen(check_sizes("turning of the links", turning, _LONGEST)))
 
     @classmethod
     def at(
@@ -167,7 +167,7 @@ def yielding_motions(hand: CompliantHand) -> tuple[Array, Array]:
     return Z, D + (Z.T * hand.springs) @ Z
 
 
-def inverse_of(matrix: Array) -> Array:
+def invert_stiffness(matrix: Array) -> Array:
     """Inverse (p, p) of a stiffness, zero along motions against which there is none; units of the p motions do not
     matter.
     """
@@ -179,7 +179,7 @@ def inverse_of(matrix: Array) -> Array:
 
 def symmetric_of(name: str, value: object, size: int) -> Array:
     """``value`` as a symmetric matrix (size, size) without negative eigenvalues, or :class:`InvalidInput`."""
-    matrix = bounded(name, array_of(name, value, (size, size)), LARGEST)
+    matrix = check_sizes(name, array_of(name, value, (size, size)), LARGEST)
     largest = float(np.abs(matrix).max(initial=0.0))
     if np.abs(matrix - matrix.T).max(initial=0.0) > _UNEVEN * largest:
         raise InvalidInput(f"{name}: expected a symmetric matrix, got one that is not: check its axes and its order")
@@ -201,12 +201,12 @@ def _stiffness_of(name: str, value: object, size: int, *, least: str) -> Array:
     if stiffness.shape != (size,):
         raise InvalidInput(f"{name}: expected {wanted}, got shape {stiffness.shape}")
     if not np.all(stiffness > 0 if least == "above zero" else stiffness >= 0):
-        raise InvalidInput(f"{name}: expected {wanted}, got {shown(stiffness.tolist())}")
-    _not_tiny(name, bounded(name, stiffness[np.isfinite(stiffness)], LARGEST))
+        raise InvalidInput(f"{name}: expected {wanted}, got {shorten(stiffness.tolist())}")
+    _not_tiny(name, check_sizes(name, stiffness[np.isfinite(stiffness)], LARGEST))
     return frozen(stiffness)
 
 
-def bounded(name: str, values: Array, largest: float) -> Array:
+def check_sizes(name: str, values: Array, largest: float) -> Array:
     """``values`` of sizes up to ``largest``, or :class:`InvalidInput`."""
     size = float(np.abs(values).max(initial=0.0))
     if not size <= largest:

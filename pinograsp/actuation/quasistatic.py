@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike
 from pinograsp.actuation.compliant_hand import (
     LARGEST,
     CompliantHand,
-    bounded,
-    inverse_of,
+    check_sizes,
+    invert_stiffness,
     symmetric_of,
     yielding_motions,
 )
@@ -98,7 +98,7 @@ def normal_stiffness(compliance: Compliance, normal_forces: ArrayLike) -> Array:
     forces = at_least_zero("normal forces", array_of("normal forces", normal_forces, (None,)))
     with np.errstate(over="ignore"):
         slope = compliance.slope(compliance.depth(forces))
-    bounded("stiffness of the contacts", slope, LARGEST)
+    check_sizes("stiffness of the contacts", slope, LARGEST)
     return slope
 
 
@@ -121,7 +121,7 @@ def quasistatic_maps(
     G, K, hand, length = checked_grasp(grasp_map, stiffness, hand, moment_length)
     Z, D = yielding_motions(hand)
     B, drives, S = hand.jacobian @ Z, hand.yielding, hand.transmission
-    X = inverse_of(D + B.T @ K @ B)  # what yields, per effort on it, where the object is held still
+    X = invert_stiffness(D + B.T @ K @ B)  # what yields, per effort on it, where the object is held still
     series = K - K @ B @ X @ B.T @ K
     series = series / 2 + series.T / 2
     stiff = G @ series @ G.T
@@ -162,7 +162,7 @@ def checked_grasp(
 ) -> tuple[Array, Array, CompliantHand, float]:
     """Grasp map, contact stiffness, hand and moment length [m] that go together."""
     instance_of("hand", hand, CompliantHand)
-    G = bounded("grasp map", array_of("grasp map", grasp_map, (6, 3 * hand.k)), FARTHEST)
+    G = check_sizes("grasp map", array_of("grasp map", grasp_map, (6, 3 * hand.k)), FARTHEST)
     K = symmetric_of("contact stiffness", stiffness, 3 * hand.k)
     if moment_length is None:  # |skew(r) R| and |R| of each contact are sqrt(2) |r| and sqrt(3)
         forces, moments = np.linalg.norm(G[:3]) / np.sqrt(3), np.linalg.norm(G[3:]) / np.sqrt(2)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinograsp.actuation.compliant_hand import CompliantHand, inverse_of, yielding_motions
+from pinograsp.actuation.compliant_hand import CompliantHand, invert_stiffness, yielding_motions
 from pinograsp.actuation.quasistatic import normal_stiffness
 from pinograsp.checks import brief, instance_of, number
 from pinograsp.contacts import Compliance
@@ -118,7 +118,7 @@ class Squeeze:
         normal = normal_stiffness(self.problem.compliance.scale(factor), self.planned[:, 2])
         return np.diag(np.column_stack([self.ratio * normal, self.ratio * normal, normal]).ravel())
 
-    def settled(self, factor: float) -> Settled:
+    def settle(self, factor: float) -> Settled:
         """The equilibrium where contacts press ``factor`` times as much, by Newton's method on the energy."""
         law, k, T = self.problem.compliance.scale(factor), self.problem.k, self.motions
         across = np.diag(self.stiffness(factor)).reshape(k, 3)[:, :2]
@@ -233,7 +233,7 @@ class Squeeze:
         normal = normal_stiffness(law, np.maximum(self.planned[:, 2], NEGLIGIBLE * self.planned[:, 2].max()))
         assumed = np.column_stack([self.ratio * normal, self.ratio * normal, normal]).ravel()
         kept = np.diag(np.divide(stiff, assumed, out=np.zeros(3 * k), where=assumed > 0))
-        yielded = inverse_of((T.T * stiff) @ T + self.yielding) @ T.T @ (np.eye(3 * k) - kept)
+        yielded = invert_stiffness((T.T * stiff) @ T + self.yielding) @ T.T @ (np.eye(3 * k) - kept)
         return np.asarray(kept + stiff[:, None] * (T @ yielded))
 
     @property

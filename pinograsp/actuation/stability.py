@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from pinograsp.actuation.compliant_hand import LARGEST, CompliantHand, bounded, inverse_of, yielding_motions
+from pinograsp.actuation.compliant_hand import LARGEST, CompliantHand, check_sizes, invert_stiffness, yielding_motions
 from pinograsp.actuation.quasistatic import checked_grasp
-from pinograsp.checks import are_rotations, array_of, at_least_zero, brief, each_of, floats_of, frozen, shown
+from pinograsp.checks import are_rotations, array_of, at_least_zero, brief, each_of, floats_of, frozen, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array, skew
 
@@ -125,11 +125,11 @@ def object_stiffness(
     """
     G, K, hand, length = checked_grasp(grasp_map, stiffness, hand, moment_length)
     rotations, arms = _frames_of(G)
-    preload = bounded("preload", array_of("preload", forces_c, (hand.k, 3)), LARGEST)
+    preload = check_sizes("preload", array_of("preload", forces_c, (hand.k, 3)), LARGEST)
     forces = np.einsum("kxc,kc->kx", rotations, preload)
     rolling = _measure_rolling(object_curvature, hand_curvature, hand.k)
     about_normals = at_least_zero("torsional stiffness", each_of("torsional stiffness", torsional_stiffness, hand.k))
-    bounded("torsional stiffness", about_normals, LARGEST)
+    check_sizes("torsional stiffness", about_normals, LARGEST)
     normals = rotations[:, :, 2]
     pull, normal, arm = (block_diag(*skew(one)) for one in (forces, normals, arms))
     share, roll, bend = (np.diag(np.repeat(one, 3)) for one in rolling)
@@ -140,7 +140,7 @@ def object_stiffness(
     Z, D = yielding_motions(hand)
     slope = np.zeros((hand.n, hand.n))
     if joint_preload is not None:
-        slope = bounded("joint preload", array_of("joint preload", joint_preload, slope.shape), LARGEST)
+        slope = check_sizes("joint preload", array_of("joint preload", joint_preload, slope.shape), LARGEST)
     B, W, K = R @ hand.jacobian @ Z, R @ hand.turning @ Z, R @ K @ R.T
     G = np.hstack([np.vstack([np.eye(3), skew(arm)]) for arm in arms])
     spin = np.tile(np.hstack([np.zeros((3, 3)), np.eye(3)]), (hand.k, 1))
@@ -151,7 +151,7 @@ def object_stiffness(
         """Of the object (6, 6), and of what yields, the object held still (p, p)."""
         by_joints, by_twists = geometry.changes(K, *joints), geometry.changes(K, *twists)
         own = D + Z.T @ slope @ Z + B.T @ by_joints.force + W.T @ by_joints.hand_moment
-        yielded = -inverse_of(own) @ (B.T @ by_twists.force + W.T @ by_twists.hand_moment)
+        yielded = -invert_stiffness(own) @ (B.T @ by_twists.force + W.T @ by_twists.hand_moment)
         wrench = G @ (by_twists.force + by_joints.force @ yielded)
         moments = by_twists.object_moment + by_joints.object_moment @ yielded
         wrench[3:] += moments.reshape(hand.k, 3, 6).sum(axis=0)
@@ -238,8 +238,8 @@ def _measure_rolling(object_curvature: ArrayLike, hand_curvature: ArrayLike, k: 
     for name, value in (("object", object_curvature), ("hand", hand_curvature)):
         curvature = floats_of(f"{name} curvature", value, f"a number or {k} [1/m]")
         if curvature.shape not in ((), (k,)) or not np.all(curvature > -np.inf):
-            raise InvalidInput(f"{name} curvature: expected a number or {k} [1/m], got {shown(curvature.tolist())}")
-        bounded(f"{name} curvature", curvature[np.isfinite(curvature)], _SHARPEST)
+            raise InvalidInput(f"{name} curvature: expected a number or {k} [1/m], got {shorten(curvature.tolist())}")
+        check_sizes(f"{name} curvature", curvature[np.isfinite(curvature)], _SHARPEST)
         given.append(np.broadcast_to(curvature, (k,)))
     own, other = given
     with np.errstate(invalid="ignore"):
@@ -247,8 +247,8 @@ def _measure_rolling(object_curvature: ArrayLike, hand_curvature: ArrayLike, k: 
     if np.any(~(sharp > 0) | (np.isinf(own) & np.isinf(other))):
         raise InvalidInput(
             f"curvatures: expected surfaces that touch at a point, their sum above zero and at most one infinite, got "
-            f"{shown(own.tolist())} of the object and {shown(other.tolist())} of the hand: give a flat pad on a flat "
-            "face one contact at each corner, with an object_curvature of infinity"
+            f"{shorten(own.tolist())} of the object and {shorten(other.tolist())} of the hand: give a flat pad on a "
+            "flat face one contact at each corner, with an object_curvature of infinity"
         )
     share = np.where(np.isinf(sharp), np.isinf(other) * 1.0, _finite(other) / _finite(sharp))
     bend = np.where(np.isinf(own), other, np.where(np.isinf(other), own, _finite(own) * share))

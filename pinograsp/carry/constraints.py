@@ -81,7 +81,7 @@ class PathConstraints:
         loaded: robot and object.
         middle: loads at the middles of the intervals.
         slopes: derivatives of the joints' positions by the path parameter at their ends (N + 1, n).
-        others: those of other scenarios of the same path, which the same squeeze has to bear.
+        others: those of other scenarios of the same path, which the same squeeze has to withstand.
         fastest: speeds of the path parameter are below it.
     """
 

@@ -52,9 +52,9 @@ def read_joint_limits(name: str, value: ArrayLike, n: int) -> Array:
 
 
 def find_disturbance(grasp: GraspPlan, body: Body, size: float | None) -> tuple[float, float]:
-    """Force in any direction [N], or moment about any axis [N m], to bear on the way as well.
+    """Force in any direction [N], or moment about any axis [N m], to withstand on the way as well.
 
-    ``body``: what is held. ``size``: of the force; None: what the grasp's plan bears besides its weight, a heavier
+    ``body``: what is held. ``size``: of the force; None: what the grasp's plan withstands besides its weight, a heavier
     object included.
     """
     own = grasp.reserve

@@ -23,7 +23,7 @@ class Passage:
         constraints: of the timing's loads there.
         level: the factor's square that belongs to ``timing`` [-].
         headroom: how many times as fast each interval may be passed (N,) [-].
-        solution: the one that says so; of the fastest timing that timing's, whose forces bear it.
+        solution: the one that says so; of the fastest timing that timing's, whose forces withstand it.
         fastest: whether it is that, with accelerations that jump.
     """
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, CubicSpline, PPoly
 
-from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, one_of, path_of, read_only, rebuilt
+from pinograsp.checks import array_of, brief, instance_of, items_of, mapping_of, one_of, path_of, read_only, rebuild
 from pinograsp.errors import InvalidInput
 from pinograsp.handover import JointTrajectory, read_ros2
 from pinograsp.handover.reading import make_trajectory, read_table
@@ -76,7 +76,7 @@ class ArmPath:
         put("spline", _cubic(self.s, self.q) if self.spline is None else self.spline)
 
     def __reduce__(self) -> tuple[object, ...]:
-        return rebuilt(self)
+        return rebuild(self)
 
     @classmethod
     def along(cls, joints: Sequence[str], spline: PPoly | BSpline) -> ArmPath:

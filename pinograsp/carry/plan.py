@@ -51,7 +51,7 @@ def plan_carry(
     acceleration: ArrayLike | None = None,
     gravity_o: ArrayLike = (0.0, 0.0, -9.81),
 ) -> CarryPlan:
-    """The timing of an arm's path, and the squeeze on the way, that a grasp, its friction and the motors bear.
+    """The timing of an arm's path, and the squeeze on the way, that a grasp, its friction and the motors withstand.
 
     The fastest timing goes from rest to rest. The path's parameter s moves with piecewise constant acceleration; wrench
     and torques are linear in it and in the squared speed, so that timing and contact forces together are one convex
@@ -69,9 +69,9 @@ def plan_carry(
         squeeze: ``"least"``: at every instant the forces of least squares; ``"constant"``: normal forces that are
             commanded once for the whole way, the contacts reacting to the loads as equal springs; a number: the largest
             change of each commanded normal force [N/s].
-        scenarios: what may be otherwise than planned; one squeeze bears them all, whichever comes true, each with the
-            least friction of any. Their order does not matter; the plan's loads, forces and torques are those of the
-            planned object.
+        scenarios: what may be otherwise than planned; one squeeze withstands them all, whichever comes true, each with
+            the least friction of any. Their order does not matter; the plan's loads, forces and torques are those of
+            the planned object.
         ramp: time over which accelerations of the fastest timing change at least [s]; 0: they jump.
         jerk: largest |jerk| of the arm's joints, one number or (n,) [rad/s^3 or m/s^3], met by longer ramps (small ones
             are better met with ``acceleration`` besides); None: no limit.

@@ -150,7 +150,7 @@ class CarryRecord:
         lines = [
             f"{self.robot.name} carries it {timed}",
             f"  squeeze {self.squeeze.min():.3g} to {self.squeeze[peak]:.3g} N (sum of normal forces), most at "
-            f"{self.instants[peak]:.3g} s; it bears {self.disturbance[0]:.3g} N in any direction besides",
+            f"{self.instants[peak]:.3g} s; it withstands {self.disturbance[0]:.3g} N in any direction besides",
             "  what binds on the way:",
         ]
         for what, first, last in self.stretches():

@@ -82,7 +82,7 @@ def _find_proof(constraints: PathConstraints, i: int, level: float) -> ConvexSol
         grasp, of_hand = one.grasp, one.loaded.of_hand
         problem = replace(grasp.problem, min_normal_force=None, max_normal_force=grasp.most - grasp.spare)
         torques = problem.torques
-        # What contacts keep to bear disturbances is not there to bear the load.
+        # What contacts keep to withstand disturbances is not there to bear the load.
         normals = np.column_stack([np.zeros((problem.k, 2)), grasp.spare]).ravel()
         kept = grasp.spare[:, None] * problem.contacts.rotations_oc[:, :, 2]
         if torques is not None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.plan import Simulation
 from pinograsp.report import Finding, Picture, Report, Section, answer_simulated, list_section
-from pinograsp.words import number
+from pinograsp.words import format_number
 
 _CAPTIONS = {
     "carry_speed": "Speed along the path, with the limit that each place has by itself, and what binds",
@@ -25,10 +25,13 @@ def report_carry(plan: CarryPlan, figures: Sequence[str] = (), simulation: Simul
     ]
     low, high, used = plan.normal_forces.min(axis=0), plan.normal_forces.max(axis=0), plan.friction_use.max(axis=0)
     contacts = [
-        (name, number(low[i]), number(high[i]), f"{100 * used[i]:.0f} %") for i, name in enumerate(plan.contacts)
+        (name, format_number(low[i]), format_number(high[i]), f"{100 * used[i]:.0f} %")
+        for i, name in enumerate(plan.contacts)
     ]
     torques, speeds = abs(plan.torques).max(axis=0), abs(plan.dq).max(axis=0)
-    joints = [(name, number(torques[i]), number(speeds[i])) for i, name in enumerate(plan.robot.joint_names)]
+    joints = [
+        (name, format_number(torques[i]), format_number(speeds[i])) for i, name in enumerate(plan.robot.joint_names)
+    ]
     stems = {name: name.rpartition(".")[0] for name in figures}
     shown = [Picture(name, _CAPTIONS.get(stem, stem.replace("_", " "))) for name, stem in stems.items()]
     return Report(

@@ -14,7 +14,7 @@ from pinograsp.viz.scene_meshes import friction_cone
 from pinograsp.viz.solids import Links, make_solids, to_sevens
 from pinograsp.viz.stage import Held, Stage, choose_scale
 from pinograsp.viz.style import contact_colours
-from pinograsp.words import number
+from pinograsp.words import format_number
 
 _RATE, _FEWEST, _MOST = 60.0, 150, 600  # instants per second of the plan, and how many there are
 _DETAIL = 0.25  # size of forces and cones, over that in a scene of the hand alone: the arm is larger
@@ -144,7 +144,9 @@ def _list_facts(plan: CarryRecord) -> list[tuple[str, str]]:
         facts.append(("lower bound (proven)", f"{plan.lower_bound:.4g} s"))
     else:
         facts.append(("may be faster by", f"{plan.factor:.3g} times"))
-    facts.append(("squeeze (all normal forces)", f"{number(squeeze.min(), 3)} to {number(squeeze.max(), 3)} N"))
+    facts.append(
+        ("squeeze (all normal forces)", f"{format_number(squeeze.min(), 3)} to {format_number(squeeze.max(), 3)} N")
+    )
     facts.append(("friction", friction_model(plan.grasp.friction)))
     facts.append(("most friction used", f"{100 * plan.friction_use.max():.0f} % of what is relied on"))
     facts.append(("kept free", f"{100 * plan.reserve:g} % of each limit"))

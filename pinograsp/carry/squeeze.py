@@ -103,8 +103,8 @@ def squeeze_steadily(passage: Passage, rate: float, *, slower: bool) -> WaySquee
             kind = "constant squeeze" if not rate else f"squeeze that changes by at most {rate:g} N/s"
             at_rest = "not even at rest" if best is None else f"at {low:.3g} times that speed there is one"
             raise CarryInfeasible(
-                f"no {kind} bears the whole way at this speed{', proven' if found.ruled_out else ''}; {at_rest}: let "
-                "the squeeze follow the loads (squeeze='least'), or go slower",
+                f"no {kind} withstands the whole way at this speed{', proven' if found.ruled_out else ''}; {at_rest}: "
+                "let the squeeze follow the loads (squeeze='least'), or go slower",
                 at=float(passage.s[int(passage.headroom.argmin())]),
                 solution=found,
                 factor=low,
@@ -139,7 +139,7 @@ class CommonSqueeze:
 
 
 def find_common_squeeze(scenarios: Sequence[PathConstraints], steps: Array, rate: float, level: float) -> CommonSqueeze:
-    """The squeeze of least squares that bears every scenario's loads at all samples.
+    """The squeeze of least squares that withstands every scenario's loads at all samples.
 
     Args:
         scenarios: programs of timed loads (S), of the same contacts.

@@ -91,7 +91,7 @@ def prepare_task(
 
     Raises:
         InvalidInput: a path of other joints than the arm's, a robot without the grasp's hand.
-        CarryInfeasible: contacts that may not press enough to bear the disturbances.
+        CarryInfeasible: contacts that may not press enough to withstand the disturbances.
     """
     # The planned object first: loads and torques of the plan are its own. Friction counts at its least, so that
     # scenarios of the same loads are one; sorted, since even rounding should not depend on their order.
@@ -105,8 +105,8 @@ def prepare_task(
     if np.any(short := spare >= most):
         weak = int(np.argmax(short))
         raise CarryInfeasible(
-            f"contact '{problem.contacts.names[weak]}' would have to keep {spare[weak]:.3g} N to bear the disturbances"
-            f", and may press with {most[weak]:.3g} N: bear smaller ones (disturbance=)",
+            f"contact '{problem.contacts.names[weak]}' would have to keep {spare[weak]:.3g} N to withstand the "
+            f"disturbances, and may press with {most[weak]:.3g} N: withstand smaller ones (disturbance=)",
             at=0.0,
             solution=None,
         )

@@ -16,6 +16,7 @@ from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.reading import change_values, check_extent, read_changes, read_mapping, validate
 from pinograsp.cases.sections import (
     Angles,
+    CaseSection,
     ComplianceSection,
     ContactSection,
     ForcesSection,
@@ -25,7 +26,6 @@ from pinograsp.cases.sections import (
     LimitsSection,
     MotionSection,
     ObjectSection,
-    Section,
     Steps,
     Vector,
     find_source,
@@ -53,7 +53,7 @@ _LONGEST_NAME = 100  # it becomes the name of a folder
 _MOST_STEPS = 200_000  # of the motion
 
 
-class Case(Section):
+class Case(CaseSection):
     """A case. Relative paths start at ``folder``, the case file's own."""
 
     schema_: Literal[1] = Field(1, alias="schema")

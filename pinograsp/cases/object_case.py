@@ -16,10 +16,10 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from pinograsp import defaults
 from pinograsp.cases.reading import validate
 from pinograsp.cases.sections import (
+    CaseSection,
     NotNegative,
     Number,
     Objective,
-    Section,
     Solver,
     find_source,
     read_hand_settings,
@@ -47,8 +47,8 @@ def _pose(at: tuple[float, ...]) -> tuple[float, ...]:
     return at
 
 
-class ReserveSection(Section):
-    """What the plan is to bear besides the weight, see :class:`~pinograsp.forces.Reserve`."""
+class ReserveSection(CaseSection):
+    """What the plan is to withstand besides the weight, see :class:`~pinograsp.forces.Reserve`."""
 
     disturbance: NotNegative = Reserve().disturbance
     moment_arm: NotNegative | None = None
@@ -74,7 +74,7 @@ def _reserve(given: object) -> object:
     return {name.strip(): value.strip() for name, _, value in parts}
 
 
-class ObjectCase(Section):
+class ObjectCase(CaseSection):
     """The options of ``pinograsp plan``, by their names.
 
     ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields,
@@ -182,7 +182,7 @@ class ObjectCase(Section):
         if self.at is None:
             return self._find().best.closure
         turn = rotation_rpy(*np.radians(self.at[3:])) if len(self.at) == 6 else None
-        return close_hand(self.load_hand(), self.make_object().placed(pose_of(self.at[:3], turn)), wrap=self.wrap)
+        return close_hand(self.load_hand(), self.make_object().place(pose_of(self.at[:3], turn)), wrap=self.wrap)
 
     def problem(self) -> ForceProblem:
         """The force problem of the closed hand, without torque limits."""

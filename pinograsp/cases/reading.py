@@ -13,7 +13,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from pinograsp.checks import items_of, mapping_of, shown
+from pinograsp.checks import items_of, mapping_of, shorten
 from pinograsp.errors import CaseRejected
 from pinograsp.plain import plain_yaml
 
@@ -165,5 +165,5 @@ def _describe(error: ErrorDetails, known: Sequence[str]) -> str:
         near = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
         text = "unknown key" + (f"; did you mean '{near[0]}'?" if near else "")
     elif isinstance(got, str | int | float | None):
-        text += f" (got {shown(got)})"
+        text += f" (got {shorten(got)})"
     return f"{where}: {text}" if where else text

@@ -60,7 +60,7 @@ Range = Annotated[tuple[Positive, Positive], AfterValidator(_check_increasing)]
 Angles = dict[str, tuple[Number, ...]]
 
 
-class Section(BaseModel):
+class CaseSection(BaseModel):
     """A section of a case file: unknown keys and numbers that are not finite are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -77,7 +77,7 @@ _READING = {
 }
 
 
-class HandSection(Section):
+class HandSection(CaseSection):
     """The hand: its file, placement, limits, and how the file is read (see :func:`~pinograsp.hands.load_hand`)."""
 
     source: str
@@ -114,7 +114,7 @@ def find_source(source: str, folder: Path) -> str:
     return str(beside) if os.path.isfile(beside) else source
 
 
-class ObjectSection(Section):
+class ObjectSection(CaseSection):
     """A sphere or a cylinder; the position is the centre of mass."""
 
     shape: Literal["cylinder", "sphere"]
@@ -131,7 +131,7 @@ class ObjectSection(Section):
         return self
 
 
-class ContactSection(Section):
+class ContactSection(CaseSection):
     """One contact: finger and point; where a finger has several contacts, also the touching link and its length."""
 
     finger: str
@@ -140,7 +140,7 @@ class ContactSection(Section):
     length_mm: Positive | None = None
 
 
-class FrictionSection(Section):
+class FrictionSection(CaseSection):
     """Friction: ``safety`` divides mu; ``torsion_mm`` is the largest moment per newton of normal force.
 
     ``model``: None: as :class:`~pinograsp.forces.ForceProblem` chooses it; the grids' pyramid where they search.
@@ -169,7 +169,7 @@ class FrictionSection(Section):
         return replace(default_friction(c.finger for c in contacts) if by_default else Friction(), **given)
 
 
-class ComplianceSection(Section):
+class ComplianceSection(CaseSection):
     """The contact law: stiffness [N/m^exponent], damping [N s/m^(exponent + 1)], exponent."""
 
     stiffness: Positive = MarhefkaOrin().stiffness
@@ -177,7 +177,7 @@ class ComplianceSection(Section):
     exponent: Annotated[float, Field(ge=0.5, le=10)] = MarhefkaOrin().exponent
 
 
-class DecelerationSection(Section):
+class DecelerationSection(CaseSection):
     """Shape of the deceleration over the grasp phase: exactly one of the three."""
 
     linear: tuple[Number, Number] | None = None
@@ -196,10 +196,10 @@ class DecelerationSection(Section):
             return DecelerationShape.linear(*self.linear)
         if self.polynomial is not None:
             return DecelerationShape.polynomial(self.polynomial)
-        return DecelerationShape.sampled(() if self.sampled is None else self.sampled)
+        return DecelerationShape.from_samples(() if self.sampled is None else self.sampled)
 
 
-class LimitsSection(Section):
+class LimitsSection(CaseSection):
     """Eqs. (13) and (14); force caps, torque limits and decelerations that are not constant need the convex search."""
 
     final_time: Positive = defaults.FINAL_TIME
@@ -218,7 +218,7 @@ class LimitsSection(Section):
         return self
 
 
-class ForcesSection(Section):
+class ForcesSection(CaseSection):
     """The search for the forces, and its objective."""
 
     search: Search = "hybrid"
@@ -229,7 +229,7 @@ class ForcesSection(Section):
     moment_length_mm: Positive | None = None
 
 
-class Steps(Section):
+class Steps(CaseSection):
     """start, start + step, ... up to stop."""
 
     start: Number
@@ -251,7 +251,7 @@ class Steps(Section):
 Several = Annotated[tuple[Number, ...], Field(max_length=_MOST_VALUES)]
 
 
-class GridSection(Section):
+class GridSection(CaseSection):
     """The paper's grid: impact times [s], accelerations [m/s^2], multipliers."""
 
     impact_times: Steps | Several = Steps(start=0.80, stop=0.95, step=0.05)
@@ -272,7 +272,7 @@ class GridSection(Section):
         return self
 
 
-class MotionSection(Section):
+class MotionSection(CaseSection):
     """Postures and sampling.
 
     ``touch`` says which point of a link meets its contact point: ``"length"``, the point at length l_c on the line

@@ -20,7 +20,7 @@ from pinograsp.cases.case import load_case
 from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.object_case import ObjectCase, object_fields
 from pinograsp.cases.reading import change_values, check_extent, read_mapping, validate
-from pinograsp.cases.sections import NotNegative, Number, Positive, Section, find_source
+from pinograsp.cases.sections import CaseSection, NotNegative, Number, Positive, find_source
 from pinograsp.cases.sweep_rows import IMPACT_TIME, SweepBase
 from pinograsp.checks import mapping_of, path_of
 from pinograsp.errors import CaseRejected, InvalidInput
@@ -42,7 +42,7 @@ Pair = Annotated[tuple[Number, Number], AfterValidator(_check_rising)]
 PositivePair = Annotated[tuple[Positive, Positive], AfterValidator(_check_rising)]
 
 
-class Span(Section):
+class Span(CaseSection):
     """``steps`` values from ``from`` to ``to``, both included, evenly spaced or with even ratios (``log``)."""
 
     from_: Number = Field(alias="from")
@@ -63,7 +63,7 @@ class Span(Section):
         return values
 
 
-class Draw(Section):
+class Draw(CaseSection):
     """A distribution: exactly one of these. ``normal`` is mean and standard deviation."""
 
     uniform: Pair | None = None
@@ -102,7 +102,7 @@ class Draw(Section):
         return values
 
 
-class Samples(Section):
+class Samples(CaseSection):
     """``count`` independent random draws of all other keys, which are inputs of the case."""
 
     model_config = ConfigDict(extra="allow")
@@ -131,7 +131,7 @@ Values = Annotated[
 ]
 
 
-class SweepSpec(Section):
+class SweepSpec(CaseSection):
     """A sweep of a case, or of a hand and an object.
 
     ``set`` holds fixed inputs, ``over`` a grid of all combinations, and ``samples`` random draws, which are all used at
@@ -177,7 +177,7 @@ class SweepSpec(Section):
         return {key: values.values() if isinstance(values, Span) else list(values) for key, values in self.over.items()}
 
     @functools.cached_property
-    def drawn(self) -> dict[str, list[Any]]:
+    def random_inputs(self) -> dict[str, list[Any]]:
         """The draws of each random input; they do not depend on the other inputs."""
         if self.samples is None:
             return {}
@@ -195,7 +195,7 @@ class SweepSpec(Section):
     @property
     def inputs(self) -> dict[str, list[Any]]:
         """The inputs that vary, with their values."""
-        return {**self.grid, **self.drawn}
+        return {**self.grid, **self.random_inputs}
 
     def row(self, index: int) -> dict[str, Any]:
         """The inputs of a plan; the draws vary fastest, then the last key of the grid."""
@@ -205,7 +205,10 @@ class SweepSpec(Section):
         for key, values in reversed(self.grid.items()):
             at, i = divmod(at, len(values))
             picked[key] = values[i]
-        return {**{key: picked[key] for key in self.grid}, **{key: values[draw] for key, values in self.drawn.items()}}
+        return {
+            **{key: picked[key] for key in self.grid},
+            **{key: values[draw] for key, values in self.random_inputs.items()},
+        }
 
     @functools.cached_property
     def base(self) -> SweepBase:

@@ -10,7 +10,7 @@ from pydantic import Field
 from pinograsp.cases.case import Case
 from pinograsp.cases.object_case import ObjectCase
 from pinograsp.cases.reading import change_values, validate
-from pinograsp.cases.sections import Objective, Section
+from pinograsp.cases.sections import CaseSection, Objective
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import CaseRejected
 from pinograsp.forces import ForceProblem
@@ -20,7 +20,7 @@ from pinograsp.hands.file_reads import Kept
 IMPACT_TIME = "impact_time"  # t_I of ``what: forces``, the only input that is not a key of a case
 
 
-class SweepBase(Section):
+class SweepBase(CaseSection):
     """What the rows of a sweep share, as plain values for other processes; ``always``: the impact time, where fixed;
     ``files``: those that they are made of, ``{path: SHA-256}``.
     """

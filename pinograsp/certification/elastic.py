@@ -1,4 +1,4 @@
-"""One squeeze that bears many loads, for many grasps at once: each is a force problem of one load, solved in a batch.
+"""One squeeze that withstands many loads, for many grasps at once: each a force problem of one load, solved in a batch.
 
 The contacts give way as equally stiff springs, along the normals and along the surfaces: a wrench dw that is added to
 the load changes their forces by df = -G^+ dw. Contact i then stays within its friction limit under all loads l if
@@ -7,7 +7,7 @@ the load changes their forces by df = -G^+ dw. Contact i then stays within its f
 
 since |f_t + df_t| <= |f_t| + |df_t|. Friction may as well react in the ratio of what the contacts bear. With
 g = f - a n this is a force problem for the load w + G (a n), which any method for a single load solves. What it finds
-bears all loads; it may press harder than the least squeeze that does.
+withstands all loads; it may press harder than the least squeeze that does.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def limits_of(friction: Friction, mu: float) -> Array:
 
 
 def find_multiples(local: Array, reacted: Reactions, used: BoolArray, friction: Friction, mu: float) -> Array:
-    """Multiples s (N, m) of each wrench that forces bear before the first contact slips or opens.
+    """Multiples s (N, m) of each wrench that forces withstand before the first contact slips or opens.
 
     The least s > 0 that takes some contact to the edge of its friction limit: the roots of a square for balls, of a
     line for facets.

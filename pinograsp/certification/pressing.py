@@ -1,4 +1,4 @@
-"""The second stage: the forces of postures that touch, what they bear, and the torques that make them."""
+"""The second stage: the forces of postures that touch, what they withstand, and the torques that make them."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def _components(friction: Friction) -> list[int]:
 def _squeeze_exactly(
     setup: CertifySetup, touches: PostureTouches, rows: IntArray, grips: Grips, holding: Holding
 ) -> Forces:
-    """The least squeezes that bear the reserve, where the quick way finds none: a program each."""
+    """The least squeezes that withstand the reserve, where the quick way finds none: a program each."""
     conditions = replace(setup.conditions, friction=holding.friction)
     normal = np.zeros(grips.used.shape)
     for row, (i, count) in enumerate(zip(rows.tolist(), grips.counts.tolist())):

@@ -52,11 +52,11 @@ class Certificates:
         forces_o: contact forces on the object under its weight (N, k, 3), world [N].
         torsion: moments about the normals (N, k) [N m].
         torques: that hold them and the hand itself (N, n) [N m or N].
-        reserve: multiple of the reserve's disturbances that these forces bear before a contact slips (N,) [-]; below 1
-            the largest that was found.
-        weakest: the disturbance that it bears least (N, 6), as large as the reserve has it: a wrench about the centre
-            of mass, on top of the weight [N, N m]; zero where there are no forces. ``reserve`` times it makes a contact
-            slip.
+        reserve: multiple of the reserve's disturbances that these forces withstand before a contact slips (N,) [-];
+            below 1 the largest that was found.
+        weakest: the disturbance that it withstands least (N, 6), as large as the reserve has it: a wrench about the
+            centre of mass, on top of the weight [N, N m]; zero where there are no forces. ``reserve`` times it makes a
+            contact slip.
         least_mu: least friction coefficient with which some forces hold the weight (N,) [-]; infinity: none up to 2.
         antipodal_mu: of grasps by two links, the least friction coefficient with which they can squeeze the object (N,)
             [-]: tan of the larger angle between a normal and the line through both (Nguyen 1988), as GraspNet-1Billion
@@ -184,7 +184,7 @@ class Certificates:
         return "; ".join(dict.fromkeys(ratio.why for ratio in ratios)) or "links share what presses"
 
     def contacts(self, i: int) -> ContactSet:
-        """The contacts of grasp i, with its posture, for the rest of the package; of ``hand.placed(roots[i])``.
+        """The contacts of grasp i, with its posture, for the rest of the package; of ``hand.place(roots[i])``.
 
         Raises:
             InvalidInput: it has none, or there is no such grasp.
@@ -195,7 +195,7 @@ class Certificates:
             raise InvalidInput(
                 f"grasp {i}: expected one that touches the object: {Status.from_code(self.reason[i]).words}"
             )
-        hand = self.hand.placed(self.roots[i])
+        hand = self.hand.place(self.roots[i])
         data = hand.model.createData()
         pin.forwardKinematics(hand.model, data, np.array(self.q[i]))
         found = []

@@ -60,7 +60,7 @@ class CertifySetup:
         scene: finds contacts.
         idle: joints that move no finger.
         limit: torque limits (n,) [N m or N].
-        reserve: what grasps must bear; none where the conditions have none.
+        reserve: what grasps must withstand; none where the conditions have none.
         wrenches: that are added to the weight (m, 6) [N, N m].
         holding: the weight, and with what friction it is held.
         ratios: what drives of several joints leave out of their torques (p, n).

@@ -1,4 +1,4 @@
-"""Contact forces of many grasps: the squeeze that bears the reserve, the weight alone, the least friction."""
+"""Contact forces of many grasps: the squeeze that withstands the reserve, the weight alone, the least friction."""
 
 from __future__ import annotations
 
@@ -105,10 +105,10 @@ def squeeze(
     threads: int | None,
     shares: Array | float = 1.0,
 ) -> tuple[Forces, tuple[Reactions, Reactions]]:
-    """Forces under the weight that bear wrenches (m, 6) added to it, with what the reserve keeps back.
+    """Forces under the weight that withstand wrenches (m, 6) added to it, with what the reserve keeps back.
 
     Those whose contacts cannot balance some wrench at all have none. The reactions are to all of the wrenches, two ways
-    to react of which one bears all; the forces bear ``shares`` (N,) of them.
+    to react of which one withstands all; the forces withstand ``shares`` (N,) of them.
     """
     kept = holding.kept_back(reserve)
     floor = np.full(grips.used.shape, reserve.least_force(holding.size))
@@ -131,7 +131,7 @@ def squeeze(
 
 
 def squeeze_partly(grips: Grips, holding: Holding, reserve: Reserve, wrenches: Array, threads: int | None) -> Forces:
-    """Forces that bear the largest share below 1 of the wrenches that halving finds; none where not any."""
+    """Forces that withstand the largest share below 1 of the wrenches that halving finds; none where not any."""
     count = len(grips.points)
     low, high = np.zeros(count), np.ones(count)
     best = Forces(
@@ -156,7 +156,7 @@ def press(grips: Grips, holding: Holding, normal: Array, threads: int | None) ->
 
 
 def _take(best: Forces, better: Forces, rows: IntArray, reacted: Reactions, used: BoolArray, holding: Holding) -> None:
-    """Put in what presses less hard, or as much of it as bears the wrenches: such forces are a convex set."""
+    """Put in what presses less hard, or as much of it as withstands the wrenches: such forces are a convex set."""
     cost, before = ((one[..., -1] ** 2).sum(axis=1) for one in (better.local, best.local[rows]))
     left = np.flatnonzero(better.found & (cost < before))
     for share in _SHARES:

@@ -44,7 +44,7 @@ def bench(
     for k in contacts:
         if not 3 <= k <= _MOST_CONTACTS:
             raise InvalidInput(f"--contacts: expected at least 3 and at most {_MOST_CONTACTS}, got {k}")
-    fast = core.installed()
+    fast = core.is_installed()
     if not fast:
         typer.echo("the compiled core is missing: install pinograsp with a C++17 compiler at hand", err=True)
     rows: list[dict[str, Any]] = []

@@ -42,7 +42,7 @@ class WayOptions:
     robot: str | None = _way(
         "Arm and hand in one model: a file, or a hand of the catalogue, read by --root to --posture; default: the "
         "grasp's own hand.",
-        complete=completion.hands,
+        complete=completion.complete_hands,
     )
     timing: str = _way("fastest, or given: that of FILE.", default="fastest", choices=completion.TIMINGS)
     intervals: int = _way("Of the path, or of its time.", default=500)
@@ -75,7 +75,7 @@ class HoldOptions:
     )
     reserve: float = _hold("Share of every limit that is kept free.", default=0.1)
     disturbance: float | None = _hold(
-        "Force in any direction to bear as well \\[N]; default: what the grasp's plan bears."
+        "Force in any direction to withstand as well \\[N]; default: what the grasp's plan withstands."
     )
     gravity: tuple[float, float, float] = _hold(
         "In the robot's world \\[m/s^2].", default=defaults.GRAVITY, metavar="X Y Z"
@@ -118,8 +118,8 @@ def carry(
 
       pinograsp carry ball --robot panda --root panda_link0 --path way.csv
 
-    Add --check to simulate it, --squeeze constant for a gripper that is told one force, --scenario mass=1.2 to bear
-    more. What each answer means: docs/howto/answers.md
+    Add --check to simulate it, --squeeze constant for a gripper that is told one force, --scenario mass=1.2 to
+    withstand more. What each answer means: docs/howto/answers.md
     """
     from pinograsp.carry import ArmPath, plan_carry, save_carry, simulate_carry
     from pinograsp.cases import load_case
@@ -178,7 +178,7 @@ def _print(plan: CarryPlan, simulation: Simulation | None, folder: Path, session
         ("How fast?", fast),
         (
             "How hard?",
-            f"{least:.3g} to {most:.3g} N in all, most at {when:.3g} s; bears {plan.disturbance[0]:.3g} N in any "
+            f"{least:.3g} to {most:.3g} N in all, most at {when:.3g} s; withstands {plan.disturbance[0]:.3g} N in any "
             "direction besides",
         ),
     ]

@@ -36,7 +36,7 @@ class MeaningOptions:
     hand: str = _files(
         "The hand: a name of 'pinograsp hands', or a URDF, xacro or MJCF file.",
         default=REQUIRED,
-        complete=completion.hands,
+        complete=completion.complete_hands,
     )
     objects: Path = _files(
         "Folder of the objects that the files name; or the file of the one object.", default=REQUIRED, metavar="DIR"

@@ -25,7 +25,9 @@ class PairOptions:
     """A hand, and what it closes on."""
 
     hand: str = _thing(
-        "A hand of the catalogue, or its URDF, xacro or MJCF file.", default=REQUIRED, complete=completion.hands
+        "A hand of the catalogue, or its URDF, xacro or MJCF file.",
+        default=REQUIRED,
+        complete=completion.complete_hands,
     )
     object: str = _thing(f"What to close on, as {SPECS}.", default=REQUIRED, complete=completion.objects)
 

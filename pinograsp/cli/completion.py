@@ -25,7 +25,7 @@ SQUEEZES = ("least", "constant")
 RESERVES = ("none", "default")
 
 
-def one_of(choices: Iterable[str]) -> Completer:
+def make_completer(choices: Iterable[str]) -> Completer:
     """Completes one of the choices."""
 
     def complete(incomplete: str) -> list[str]:
@@ -34,11 +34,11 @@ def one_of(choices: Iterable[str]) -> Completer:
     return complete
 
 
-def hands(incomplete: str) -> list[str]:
+def complete_hands(incomplete: str) -> list[str]:
     """Names of the catalogue; of files the shell knows more."""
     from pinograsp.hands.catalogue import CATALOGUE
 
-    return one_of(CATALOGUE)(incomplete)
+    return make_completer(CATALOGUE)(incomplete)
 
 
 def cases(incomplete: str) -> list[str]:
@@ -46,24 +46,24 @@ def cases(incomplete: str) -> list[str]:
     from pinograsp.cases import builtin_cases
 
     files = sorted(str(path) for path in Path().glob("*.y*ml"))
-    return one_of([*builtin_cases(), *files])(incomplete)
+    return make_completer([*builtin_cases(), *files])(incomplete)
 
 
 def objects(incomplete: str) -> list[str]:
     """An example of each kind of object, to be changed."""
     from pinograsp.objects.spec import object_language
 
-    return one_of(line.partition(", as ")[2] for line in object_language()[1:])(incomplete)
+    return make_completer(line.partition(", as ")[2] for line in object_language()[1:])(incomplete)
 
 
 def runs(incomplete: str) -> list[str]:
     """Folders of runs below runs/ and here."""
-    return one_of(sorted(_find_folders("plan.json", incomplete)))(incomplete)
+    return make_completer(sorted(_find_folders("plan.json", incomplete)))(incomplete)
 
 
 def exportable(incomplete: str) -> list[str]:
     """Folders of runs, and of carry plans below carries/ and here."""
-    return one_of(sorted({*_find_folders("plan.json", incomplete), *_find_folders("carry.json", incomplete)}))(
+    return make_completer(sorted({*_find_folders("plan.json", incomplete), *_find_folders("carry.json", incomplete)}))(
         incomplete
     )
 
@@ -79,21 +79,21 @@ def keys(incomplete: str) -> list[str]:
 
     settings = load_case("paper").settings()
     del settings["schema"], settings["assumed"]
-    return one_of(f"{key}=" for key in _keys(settings))(incomplete)
+    return make_completer(f"{key}=" for key in _keys(settings))(incomplete)
 
 
 def formats(incomplete: str) -> list[str]:
     """Formats of files of grasps."""
     from pinograsp.data import FORMATS
 
-    return one_of(["auto", *FORMATS])(incomplete)
+    return make_completer(["auto", *FORMATS])(incomplete)
 
 
 def conventions(incomplete: str) -> list[str]:
     """What files of grasps may mean by their hand."""
     from pinograsp.data import CONVENTIONS
 
-    return one_of(CONVENTIONS)(incomplete)
+    return make_completer(CONVENTIONS)(incomplete)
 
 
 def _find_folders(name: str, incomplete: str) -> Iterator[str]:

@@ -22,7 +22,7 @@ def hands(
         str | None,
         typer.Argument(
             help="A hand of the catalogue, or a URDF, xacro or MJCF file; none: the catalogue.",
-            autocompletion=completion.hands,
+            autocompletion=completion.complete_hands,
         ),
     ] = None,
     arm: ArmOptions,

@@ -73,7 +73,7 @@ class AloneOptions:
         "Simulate the grasps that were found, at rest and shaken, and take one that is held.", "--check", default=False
     )
     reserve: str | None = _pair(
-        "What to bear besides the weight: none, default, or some of disturbance, moment_arm, mass, friction, "
+        "What to withstand besides the weight: none, default, or some of disturbance, moment_arm, mass, friction, "
         "normal_force, torque, softer, stiffer: disturbance=0.5,mass=0.2 (shares; moment_arm \\[m]; softer, stiffer: "
         "factors on the contacts' stiffness).",
         choices=completion.RESERVES,
@@ -99,7 +99,9 @@ class WhatOptions:
         "A built-in case ('paper') or a case file ('pinograsp new' writes one); none: --hand and --object.",
         complete=completion.cases,
     )
-    hand: str | None = _thing("With --object: a hand of the catalogue, or its file.", complete=completion.hands)
+    hand: str | None = _thing(
+        "With --object: a hand of the catalogue, or its file.", complete=completion.complete_hands
+    )
     object: str | None = _thing(f"With --hand: what to hold, as {SPECS}.", complete=completion.objects)
 
 
@@ -295,7 +297,7 @@ def _print_comparison(plan: GraspPlan) -> None:
 
 def print_plan(plan: GraspPlan, folder: Path, session: Session) -> None:
     """Print a plan: what was planned, and at the end the answer."""
-    from pinograsp.plan.answer import bears, does_it_hold, friction_used, shares
+    from pinograsp.plan.answer import describe_robustness, does_it_hold, friction_used, shares
     from pinograsp.report import list_details, summarize
 
     remarks = [("caution", text) for text in plan.cautions]
@@ -303,7 +305,12 @@ def print_plan(plan: GraspPlan, folder: Path, session: Session) -> None:
         facts = [*(("note", text) for text in plan.notes), *list_details(plan), *summarize(plan), *remarks]
     else:
         known = dict(list_details(plan))
-        facts = [("search", known["search"]), ("friction", known["friction"]), ("it bears", bears(plan)), *remarks[:2]]
+        facts = [
+            ("search", known["search"]),
+            ("friction", known["friction"]),
+            ("it withstands", describe_robustness(plan)),
+            *remarks[:2],
+        ]
         if left := len(remarks[2:]) + len(plan.notes):
             facts.append(("remarks", f"{left} more, in the report"))
         uses = friction_used(plan)[0][1]

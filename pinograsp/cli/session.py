@@ -12,7 +12,7 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from pinograsp.cli.completion import Completer, one_of
+from pinograsp.cli.completion import Completer, make_completer
 
 REQUIRED: Any = MISSING  # of an option's default
 _TYPED = "typed"  # in a field's metadata: how it is typed
@@ -103,7 +103,7 @@ def option(
         choices: its values, which shells complete.
         complete: what shells offer as its value instead.
     """
-    completer = one_of(choices) if choices else complete
+    completer = make_completer(choices) if choices else complete
     typed = typer.Option(*names, help=help, metavar=metavar, rich_help_panel=panel, autocompletion=completer)
     return field(default=default, metadata={_TYPED: typed})
 

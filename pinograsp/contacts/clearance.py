@@ -134,9 +134,9 @@ class Distances:
 
         What is below ``least`` [m] cannot be: coal takes some meshes that barely touch for deep inside.
         """
-        return self.placed_at(part, self.placed(part), object_pose, geometry, least)
+        return self.placed_at(part, self.locate(part), object_pose, geometry, least)
 
-    def placed(self, part: HandPart) -> coal.Transform3s:
+    def locate(self, part: HandPart) -> coal.Transform3s:
         """Where a part is in the world."""
         return _pose(self.data, part.joint, part.placement)
 

@@ -30,7 +30,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, BoolArray
-from pinograsp.words import fixed
+from pinograsp.words import format_fixed
 
 Posture: TypeAlias = Mapping[str, ArrayLike] | ArrayLike  # {finger: angles (n_f,)} or q (n,)
 
@@ -336,7 +336,7 @@ class _Closing:
         pushed = np.eye(4)
         if self.body is not self.given:
             pushed = np.array(self.body.pose) @ np.linalg.inv(self.given.pose)
-            moved = ", ".join(fixed(1e3 * v, 2) for v in self.body.com_o - self.given.com_o)
+            moved = ", ".join(format_fixed(1e3 * v, 2) for v in self.body.com_o - self.given.com_o)
             turned = np.degrees(np.linalg.norm(pin.log3(pushed[:3, :3])))
             notes.append(
                 f"the object was pushed by ({moved}) mm and turned by {turned:.2f} deg by fingers that cannot stop "

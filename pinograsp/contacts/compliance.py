@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
-from pinograsp.checks import alike, at_least_zero, finite_of, instance_of, number, one_of, shown
+from pinograsp.checks import alike, at_least_zero, finite_of, instance_of, number, one_of, shorten
 from pinograsp.contacts.deceleration import CONSTANT, DecelerationShape
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import ContactLaw
@@ -162,7 +162,7 @@ def checked_law(law: object) -> Compliance:
     if Compliance in type(law).__mro__:  # at once: isinstance() looks at each member of a protocol
         return cast(Compliance, law)
     if not isinstance(law, Compliance) or isinstance(law, type):
-        raise InvalidInput(f"compliance: expected a Compliance, such as MarhefkaOrin(...), got {shown(law)}")
+        raise InvalidInput(f"compliance: expected a Compliance, such as MarhefkaOrin(...), got {shorten(law)}")
     return law
 
 

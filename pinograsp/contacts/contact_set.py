@@ -23,8 +23,8 @@ from pinograsp.checks import (
     number,
     one_of,
     read_only,
-    rebuilt,
-    shown,
+    rebuild,
+    shorten,
     text_of,
 )
 from pinograsp.errors import InvalidInput
@@ -129,7 +129,7 @@ class ContactSet:
         return len(self.contacts)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return rebuilt(self)
+        return rebuild(self)
 
     def __iter__(self) -> Iterator[Contact]:
         return iter(self.contacts)
@@ -216,8 +216,8 @@ def contacts_at(
     by_finger = _points_by_finger(hand, points)
     contacts = []
     for finger, given in by_finger.items():
-        where = floats_of(f"contact points of {shown(finger)}", given)
-        where = array_of(f"contact points of {shown(finger)}", where[None] if where.ndim == 1 else where, (None, 3))
+        where = floats_of(f"contact points of {shorten(finger)}", given)
+        where = array_of(f"contact points of {shorten(finger)}", where[None] if where.ndim == 1 else where, (None, 3))
         surface, normals, distances = body.project(where)
         for i, distance in enumerate(distances):
             if abs(distance) > tolerance:
@@ -265,7 +265,7 @@ def _points_by_finger(hand: HandModel | None, points: Mapping[str, ArrayLike] | 
     """Contact points by the name of the finger, or of the contact where there is no hand."""
     if not isinstance(points, Mapping):
         if hand is not None:
-            raise InvalidInput(f"points: expected {{finger: point}}, since a hand is given; got {shown(points)}")
+            raise InvalidInput(f"points: expected {{finger: point}}, since a hand is given; got {shorten(points)}")
         points = {f"contact {i + 1}": point for i, point in enumerate(array_of("points", points, (None, 3)))}
     if not points:
         raise InvalidInput("points: expected at least one contact point, got none")

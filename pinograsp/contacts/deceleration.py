@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import quad
 from scipy.interpolate import PPoly
 
-from pinograsp.checks import array_of, brief, floats_of, number, shown, text_of
+from pinograsp.checks import array_of, brief, floats_of, number, shorten, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array
 
@@ -91,7 +91,7 @@ class DecelerationShape:
         return cls(name=f"polynomial of degree {len(c) - 1}", alpha=PPoly(c[::-1, None], [0.0, 1.0]))
 
     @classmethod
-    def sampled(cls, values: ArrayLike) -> DecelerationShape:
+    def from_samples(cls, values: ArrayLike) -> DecelerationShape:
         """Straight lines between n >= 2 ``values`` (n,) >= 0, equally spaced on [0, 1]; their scale does not matter."""
         wanted = "two or more equally spaced values, from t_I to t_F"
         samples = _numbers("deceleration samples", values, wanted, least=2)
@@ -151,7 +151,7 @@ class DecelerationShape:
 def _clip(u: ArrayLike) -> Array:
     phase = floats_of("u", u)
     if np.isnan(phase).any():
-        raise InvalidInput(f"u: expected numbers, got {shown(phase.tolist())}")
+        raise InvalidInput(f"u: expected numbers, got {shorten(phase.tolist())}")
     return np.minimum(np.maximum(phase, 0.0), 1.0)
 
 
@@ -170,7 +170,7 @@ def _normalise(alpha: PPoly) -> PPoly:
     """A private copy of ``alpha`` with maximum 1 on [0, 1]; :class:`InvalidInput` unless it is a shape."""
     if not isinstance(alpha, PPoly) or alpha.c.ndim != 2 or np.iscomplexobj(alpha.c):
         raise InvalidInput(
-            f"deceleration shape: expected a real, scalar scipy.interpolate.PPoly over [0, 1], got {shown(alpha)}: "
+            f"deceleration shape: expected a real, scalar scipy.interpolate.PPoly over [0, 1], got {shorten(alpha)}: "
             "build it with DecelerationShape.constant, linear, polynomial or sampled"
         )
     x = np.array(alpha.x, dtype=float)

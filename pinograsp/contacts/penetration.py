@@ -110,7 +110,7 @@ def deepest_of(
         GeometryFailed: the object cannot be moved off along the normals found.
     """
     off, further, turned = _CLEAR + max(deep, 0.0), _CLEAR, math.inf
-    mine_at, moved, geometry = distances.placed(part), coal.Transform3s(distances.pose), part.geometry
+    mine_at, moved, geometry = distances.locate(part), coal.Transform3s(distances.pose), part.geometry
     # Three numbers at a time are quicker as floats than as arrays.
     hx, hy, hz = distances.pose.getTranslation().tolist()
     x, y, z = normal.tolist()

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, finite_of, number, shown
+from pinograsp.checks import array_of, brief, finite_of, number, shorten
 from pinograsp.contacts.deceleration import CONSTANT, DecelerationShape
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array
@@ -47,7 +47,7 @@ class PenetrationProfile:
             raise InvalidInput(f"acceleration: expected magnitudes >= 0 [m/s^2], got {acceleration.tolist()}")
         if not isinstance(self.shape, DecelerationShape):
             raise InvalidInput(
-                f"deceleration shape: expected a DecelerationShape, got {shown(self.shape)}: "
+                f"deceleration shape: expected a DecelerationShape, got {shorten(self.shape)}: "
                 "build one with DecelerationShape.constant, linear, polynomial or sampled"
             )
         object.__setattr__(self, "acceleration", acceleration)

@@ -104,7 +104,7 @@ def contacts_of(
     near = posture.near(given, tolerance)
     settled = np.array(given)
     if settle:
-        settled = posture.settled(given, near, tolerance)
+        settled = posture.settle(given, near, tolerance)
         near = posture.near(settled, tolerance)
     touches = [posture.touch(one) for one in near.values() if one.gap >= -tolerance]
     overlaps = {one.part.link: -one.gap for one in near.values() if one.gap < -tolerance}
@@ -158,7 +158,7 @@ class _Posture:
                 ways.append(deepest_of(self.distances, part, start, deep=ways[0][0]))
         return min(ways, key=lambda way: way[0] - (1e-9 if way is ways[0] else 0.0))
 
-    def settled(self, given: Array, near: dict[tuple[int, str], Near], tolerance: float) -> Array:
+    def settle(self, given: Array, near: dict[tuple[int, str], Near], tolerance: float) -> Array:
         """The posture nearest to the given one at which the fingers' links that are near touch (n,).
 
         Gauss and Newton's method with the normals and points of each round; links that do not move stay as they are.
@@ -193,7 +193,7 @@ class _Posture:
         """The touch of a link that is near, with its patch: as if the object were moved to where it just touches."""
         pose = np.array(self.body.pose)
         pose[:3, 3] -= one.gap * one.normal
-        self.distances.put_object(self.body.placed(pose))
+        self.distances.put_object(self.body.place(pose))
         patch = self.distances.patch(one.part, one.point, one.normal)
         point = patch.mean(axis=0) if len(patch) > 1 else one.point
         local = self.distances.data.oMi[one.part.joint].actInv(point)

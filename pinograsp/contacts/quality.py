@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
-from pinograsp.checks import array_of, brief, each_of, instance_of, number, one_of, read_only, shown
+from pinograsp.checks import array_of, brief, each_of, instance_of, number, one_of, read_only, shorten
 from pinograsp.contacts.compliance import Compliance, checked_law
 from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.contacts.friction import LARGEST_MU, Friction
@@ -334,7 +334,7 @@ def _rows(balance: Balance) -> int:
 
 def _moment_length(contacts: ContactSet, moment_length: float | None) -> float:
     if not isinstance(contacts, ContactSet) or len(contacts) == 0:
-        raise InvalidInput(f"contacts: expected a ContactSet with at least one contact, got {shown(contacts)}")
+        raise InvalidInput(f"contacts: expected a ContactSet with at least one contact, got {shorten(contacts)}")
     return contacts.checked_moment_length(moment_length)
 
 

@@ -18,7 +18,7 @@ def _inner(value: Any) -> Iterable[Any]:
     return value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ()
 
 
-def check_extent(value: Any, most: int) -> None:
+def check_contents(value: Any, most: int) -> None:
     """Refuse lists and dicts that hold more than ``most`` values, counted wherever they stand, or each other without
     end.
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pinograsp.checks import shown
+from pinograsp.checks import shorten
 from pinograsp.errors import GraspsNotRead
 from pinograsp.spatial import Array
 from pinograsp.words import printable
@@ -79,7 +79,7 @@ class Keys:
         except UnicodeError:
             text = None
         if text is None or not is_name(text):
-            raise self.refusal(f"{self._at(name)}: expected {NAME}, got {shown(value)}")
+            raise self.refusal(f"{self._at(name)}: expected {NAME}, got {shorten(value)}")
         return text
 
     def texts(self, name: str) -> tuple[str, ...]:
@@ -87,7 +87,7 @@ class Keys:
         value = self.get(name)
         items = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind in "UO" else value
         if not isinstance(items, list | tuple):
-            raise self.refusal(f"{self._at(name)}: expected a list of names, got {shown(value)}")
+            raise self.refusal(f"{self._at(name)}: expected a list of names, got {shorten(value)}")
         return self.names(items)
 
     def names(self, items: Iterable[Any]) -> tuple[str, ...]:
@@ -95,7 +95,7 @@ class Keys:
         items = tuple(items)
         for one in items:
             if not is_name(one):
-                raise self.refusal(f"{self._at()}: expected a joint's name, {NAME}, got {shown(one)}".lstrip(": "))
+                raise self.refusal(f"{self._at()}: expected a joint's name, {NAME}, got {shorten(one)}".lstrip(": "))
         return items
 
     def number(self, name: str) -> float:
@@ -115,14 +115,16 @@ class Keys:
         value = self.get(name)
         array = as_numbers(value)
         if array is None:
-            raise self.refusal(f"{self._at(name)}: expected numbers, got {shown(value)}")
+            raise self.refusal(f"{self._at(name)}: expected numbers, got {shorten(value)}")
         return np.asarray(array, dtype=float)
 
     def scale(self, name: str) -> float:
         """A scale: one number, or the same number three times."""
         values = self.any_array(name).ravel()
         if values.size not in (1, 3) or not np.allclose(values, values[:1], rtol=1e-6, atol=0):
-            raise self.refusal(f"{self._at(name)}: expected one scale for all directions, got {shown(values.tolist())}")
+            raise self.refusal(
+                f"{self._at(name)}: expected one scale for all directions, got {shorten(values.tolist())}"
+            )
         return float(values[0])
 
     def leftovers(self, taken: Iterable[str], count: int) -> tuple[dict[str, Any], dict[str, Any]]:

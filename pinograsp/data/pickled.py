@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pinograsp.data.extent import check_extent
+from pinograsp.data.extent import check_contents
 
 _MOST_OPCODES = 5_000_000  # 2 s; data sets have some thousands
 _MOST_BYTES = 2**30  # of all arrays of a file, unpacked
@@ -166,7 +166,7 @@ class Unpickled(pickle._Unpickler):
 
     def _check_extent(self, value: Any) -> None:
         try:
-            check_extent(value, self._most_items)
+            check_contents(value, self._most_items)
         except ValueError as error:
             raise PickleRefused(str(error)) from None
 

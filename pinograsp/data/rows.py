@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pinograsp.checks import brief, integer, one_of, read_only, shown
+from pinograsp.checks import brief, integer, one_of, read_only, shorten
 from pinograsp.data.keys import stack
 from pinograsp.data.rotations import nearest_rotations
 from pinograsp.errors import GraspsNotRead, InvalidInput
@@ -86,7 +86,9 @@ class GraspRows:
         mask = wanted.dtype.kind == "b" and wanted.shape == (self.n,)
         indices = wanted.dtype.kind in "iu" and wanted.ndim == 1 and not ((wanted < 0) | (wanted >= self.n)).any()
         if not (mask or indices or wanted.size == 0):
-            raise InvalidInput(f"which: expected a mask of {self.n} rows or indices below {self.n}, got {shown(which)}")
+            raise InvalidInput(
+                f"which: expected a mask of {self.n} rows or indices below {self.n}, got {shorten(which)}"
+            )
         at = np.flatnonzero(wanted) if mask else wanted.astype(int).reshape(-1)
         values: dict[str, Any] = {
             name: None if (array := getattr(self, name)) is None else read_only(array[at]) for name in EACH_ROW

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pinograsp.checks import brief, items_of, number, shown
+from pinograsp.checks import brief, items_of, number, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, BoolArray
@@ -147,7 +147,7 @@ class Certificate:
         if not isinstance(tolerance, Tolerance):
             raise InvalidInput(
                 "tolerance: expected a Tolerance, which has one number for the balance, the limits and the gap each, "
-                f"as Tolerance(gap=1e-6), got {shown(tolerance)}"
+                f"as Tolerance(gap=1e-6), got {shorten(tolerance)}"
             )
         return bool(
             tolerance.accepts(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from pinograsp.checks import brief, flag, floats_of, instance_of, number, one_of, shown
+from pinograsp.checks import brief, flag, floats_of, instance_of, number, one_of, shorten
 from pinograsp.contacts import ContactSet
 from pinograsp.contacts.friction import LARGEST_MU
 from pinograsp.errors import InvalidInput
@@ -34,7 +34,7 @@ class GraspConditions(ForceSettings):
         max_normal_force: cap on every F_n [N]; None: no cap.
         torque_limit: largest |torque| while the hand holds: ``"effort"`` (its own limits; joints without one are not
             limited), one number or (n,) [N m]; None: not limited.
-        reserve: what the forces of a plan are to bear besides the weight; None: nothing.
+        reserve: what the forces of a plan are to withstand besides the weight; None: nothing.
         table: whether the object stands on a table, a plane across gravity under its lowest point: the hand keeps above
             it.
     """
@@ -95,6 +95,6 @@ def given_limit(torque_limit: TorqueLimit) -> Literal["effort"] | Array | None:
     limit = floats_of("torque limit", torque_limit)
     if not np.all(limit > 0):
         raise InvalidInput(
-            f"torque limit: expected one number > 0 [N m], one for each joint, or 'effort', got {shown(torque_limit)}"
+            f"torque limit: expected one number > 0 [N m], one for each joint, or 'effort', got {shorten(torque_limit)}"
         )
     return limit

@@ -82,7 +82,7 @@ def closest(program: Program) -> Closest | None:
     size = max(1e-6, float(np.sqrt(y @ y + w @ w)))
     y, w = y / size, w / size
     left = float(np.linalg.norm(program.A @ x - program.b))
-    return Closest(x=x, left=max(left, program.violations(x)[0]), y=y, w=w, proven=program.excluded(y, w))
+    return Closest(x=x, left=max(left, program.violations(x)[0]), y=y, w=w, proven=program.farkas_bound(y, w))
 
 
 def prove(problem: ForceProblem, program: Program) -> Infeasibility | None:
@@ -112,7 +112,7 @@ def _record(
     else:
         forces, torsion = forces_of(problem, z.ravel(), program.force_scale)
         c = y @ program.A + w @ program.R
-        s = program.reduced(c)
+        s = program.reduce_costs(c)
         pulls = program.friction.support(c.reshape(program.k, program.d)[:, :-1])
         # A contact takes part where the certificate pushes its force against the limit.
         at_least = (s > near) & (program.lo + near * (1 + program.lo) >= F)
@@ -177,7 +177,7 @@ def extreme_multiple(program: Program, column: Array, sign: int) -> float | None
         z, y, w = found
         bound = sign * max(sign * bound, sign * _find_bound(program, column, sign, y, w))
         here = replace(program, b=program.b + max(0.0, z[n]) * column)
-        if measure_miss(here, here.settled(z[:n], here.A @ z[:n] - here.b)) <= TOLERANCE.violation:
+        if measure_miss(here, here.remove_residual(z[:n], here.A @ z[:n] - here.b)) <= TOLERANCE.violation:
             value = max(0.0, float(z[n]))
             if abs(bound - value) <= _SHARP * max(1.0, bound):
                 return value / size
@@ -205,7 +205,7 @@ def _find_bound(program: Program, column: Array, sign: int, y: Array, w: Array) 
     along = float(y @ column) * sign
     if not along > 0:
         return 0.0 if sign > 0 else np.inf
-    return max(0.0, sign * program.excluded(y / along, w / along))
+    return max(0.0, sign * program.farkas_bound(y / along, w / along))
 
 
 def measure_miss(program: Program, x: Array) -> float:

@@ -21,9 +21,9 @@ from pinograsp.checks import (
     number,
     one_of,
     read_only,
-    rebuilt,
+    rebuild,
     record_of,
-    shown,
+    shorten,
 )
 from pinograsp.contacts import (
     ContactSet,
@@ -137,7 +137,7 @@ class ForceProblem(ForceSettings):
         mu = each_of("mu", self.mu, k)
         if np.any((mu < 0) | (mu > LARGEST_MU)):
             raise InvalidInput(
-                f"mu: expected friction coefficients >= 0, up to {LARGEST_MU:g}, got {shown(mu.tolist())}"
+                f"mu: expected friction coefficients >= 0, up to {LARGEST_MU:g}, got {shorten(mu.tolist())}"
             )
         put("mu", mu)
         if self.friction is None:
@@ -148,18 +148,18 @@ class ForceProblem(ForceSettings):
             floor = each_of("least normal forces", self.min_normal_force, k)
             if np.any((floor < 0) | (floor > _STRONG)):
                 raise InvalidInput(
-                    f"least normal forces: expected values from 0 to {_STRONG:g} [N], got {shown(floor.tolist())}"
+                    f"least normal forces: expected values from 0 to {_STRONG:g} [N], got {shorten(floor.tolist())}"
                 )
             put("min_normal_force", floor)
         if self.max_normal_force is not None:
             cap = each_of("largest normal forces", self.max_normal_force, k)
             if np.any(cap <= 0):
-                raise InvalidInput(f"largest normal forces: expected values > 0 [N], got {shown(cap.tolist())}")
+                raise InvalidInput(f"largest normal forces: expected values > 0 [N], got {shorten(cap.tolist())}")
             put("max_normal_force", cap)
             if self.min_normal_force is not None and np.any(self.min_normal_force > cap):
                 raise InvalidInput(
                     f"normal forces: expected a least value up to the largest [N], got "
-                    f"{shown(self.min_normal_force.tolist())} and {shown(cap.tolist())}"
+                    f"{shorten(self.min_normal_force.tolist())} and {shorten(cap.tolist())}"
                 )
         if self.torques is not None and len(self.torques.jacobian) != k:
             raise InvalidInput(f"torques: expected Jacobians of {k} contacts, got {len(self.torques.jacobian)}")
@@ -170,7 +170,7 @@ class ForceProblem(ForceSettings):
         put("_preparations", {})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return rebuilt(self)
+        return rebuild(self)
 
     @classmethod
     def holding(

@@ -17,7 +17,7 @@ from pinograsp.forces.robust.reserve import Reserve
 from pinograsp.forces.robust.reserve_search import least_squeeze, widest_range
 from pinograsp.forces.solve.program import feasibility
 from pinograsp.spatial import Array
-from pinograsp.words import number
+from pinograsp.words import format_number
 
 ForceLimit = Literal[
     "torque_limit",
@@ -76,7 +76,7 @@ class Relaxation:
     factor: float = np.inf
     joints: tuple[int, ...] = ()
 
-    def applied(self, setup: Setup) -> Setup:
+    def apply(self, setup: Setup) -> Setup:
         """What is to be planned with this limit relaxed."""
         problem, reserve, f = setup.problem, setup.reserve, self.factor
         changed: dict[str, Any] = {}
@@ -120,7 +120,7 @@ class Relaxation:
         """With so many times more room, to a figure of three digits."""
         return replace(self, factor=self.factor * times)
 
-    def rounded(self, setup: Setup) -> Relaxation:
+    def round_figure(self, setup: Setup) -> Relaxation:
         """A little wider, so that its figure has three digits."""
         given, less = _figure(setup, self.limit), self.limit in _LOWERED
         if not np.isfinite(self.factor) or given is None or self.limit in _FACTORS:
@@ -148,7 +148,8 @@ class Relaxation:
         needed = given / self.factor if self.limit in _LOWERED else given * self.factor
         given = 0.0 if self.limit == "mu" and not setup.problem.mu.any() else given
         direction = "at most" if self.limit in _LOWERED else "at least"
-        return f"{what} ({name}): {direction} {number(scale * needed, 3)}{unit}, given {number(scale * given, 3)}{unit}"
+        wanted, have = (f"{format_number(scale * one, 3)}{unit}" for one in (needed, given))
+        return f"{what} ({name}): {direction} {wanted}, given {have}"
 
     def _torque_words(self, setup: Setup, slides: Sequence[bool]) -> str:
         torques = setup.problem.torques
@@ -164,14 +165,17 @@ class Relaxation:
             listed += f" and {len(which) - _SOME} more"
         given = [float(limit[j]) for j in which]
         if max(given) - min(given) <= 1e-9 * max(given):
-            needed = f"at least {number(given[0] * self.factor, 3)} {unit}, given {number(given[0], 3)} {unit}"
+            needed = (
+                f"at least {format_number(given[0] * self.factor, 3)} {unit}, given {format_number(given[0], 3)} {unit}"
+            )
         elif len(which) <= _SOME:
             needed = (
-                f"at least {', '.join(number(one * self.factor, 3) for one in given)} {unit}, given "
-                f"{', '.join(number(one, 3) for one in given)} {unit}"
+                f"at least {', '.join(format_number(one * self.factor, 3) for one in given)} {unit}, given "
+                f"{', '.join(format_number(one, 3) for one in given)} {unit}"
             )
         else:
-            needed = f"at least {self.factor:.3g} times the given {number(min(given), 3)} to {number(max(given), 3)}"
+            least, most = (format_number(one, 3) for one in (min(given), max(given)))
+            needed = f"at least {self.factor:.3g} times the given {least} to {most}"
         return f"effort limit (torque_limit) of {listed}: {needed}"
 
 
@@ -287,10 +291,10 @@ def find_relaxations(
         for limit in alone:
             yield least.of([limit])
         any_found |= bool(alone)
-        if not alone and len(kind) > 1 and (few := least.needed(kind)):
+        if not alone and len(kind) > 1 and (few := least.find_needed(kind)):
             yield least.of(few)
             any_found = True
-    if not any_found and (few := least.needed([limit for kind in reversed(known) for limit in kind])):
+    if not any_found and (few := least.find_needed([limit for kind in reversed(known) for limit in kind])):
         yield least.of(few)
 
 
@@ -305,14 +309,14 @@ def _widest(setup: Setup, limit: LimitName) -> Relaxation:
 def _all(setup: Setup, limits: Iterable[LimitName]) -> Setup:
     """With all of these as wide as they are relaxed at all."""
     for limit in limits:
-        setup = _widest(setup, limit).applied(setup)
+        setup = _widest(setup, limit).apply(setup)
     return setup
 
 
 def relax(setup: Setup, relaxations: Iterable[Relaxation]) -> Setup:
     """With all of these."""
     for one in relaxations:
-        setup = one.applied(setup)
+        setup = one.apply(setup)
     return setup
 
 
@@ -322,7 +326,7 @@ class _Least:
     def __init__(self, setup: Setup, works: Callable[[Setup], bool], sharp: float):
         self.setup, self.works, self.sharp = setup, works, sharp
 
-    def needed(self, limits: Sequence[LimitName]) -> list[LimitName]:
+    def find_needed(self, limits: Sequence[LimitName]) -> list[LimitName]:
         """Those of the limits that have to be relaxed together: none of them can be left out. Empty: all do not do."""
         if not self.works(_all(self.setup, limits)):
             return []
@@ -345,7 +349,7 @@ class _Least:
         """The least relaxation of a limit, to a figure of three digits; ``beside``: with all others."""
 
         def does(factor: float, joints: tuple[int, ...] = ()) -> bool:
-            return self.works(Relaxation(limit=limit, factor=factor, joints=joints).applied(beside))
+            return self.works(Relaxation(limit=limit, factor=factor, joints=joints).apply(beside))
 
         most = _widest(self.setup, limit).factor
         low, high = 1.0, 2.0
@@ -359,7 +363,7 @@ class _Least:
             middle = math.sqrt(low * high)
             low, high = (low, middle) if does(middle) else (middle, high)
         found = Relaxation(limit=limit, factor=min(high * _ROOM, max(most, high)))
-        return self._few_joints(found, does) if limit == "torque_limit" else found.rounded(self.setup)
+        return self._few_joints(found, does) if limit == "torque_limit" else found.round_figure(self.setup)
 
     def _few_joints(self, found: Relaxation, does: Callable[[float, tuple[int, ...]], bool]) -> Relaxation:
         """The same for those joints alone whose limits have to be raised."""

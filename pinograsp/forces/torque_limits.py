@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, floats_of, instance_of, items_of, read_only, share_of, shown
+from pinograsp.checks import array_of, brief, floats_of, instance_of, items_of, read_only, share_of, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array, BoolArray
 
@@ -77,7 +77,7 @@ class TorqueLimits:
         if limit.shape != (n,) or not np.all((limit > 0) & ((limit <= _ENDLESS) | (limit == np.inf))):
             raise InvalidInput(
                 f"torque limits: expected {n} values > 0, up to {_ENDLESS:g} [N m] or infinity where a joint has none, "
-                f"got {shown(limit.tolist())}; a hand description without effort limits needs limit=..."
+                f"got {shorten(limit.tolist())}; a hand description without effort limits needs limit=..."
             )
         joints = items_of("joints of the torque limits", self.joints, str)
         if joints and len(joints) != n:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, shown
+from pinograsp.checks import array_of, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.actuators import Controls
 from pinograsp.handover.model_actuators import SLACK, Actuators, Path, Played
@@ -38,7 +38,7 @@ def controls(
         InvalidInput: not a model, one without the hand's joints, or one whose dynamics are not finite.
     """
     if not isinstance(model, mujoco.MjModel):
-        raise InvalidInput(f"model: expected a mujoco.MjModel, got {shown(model)}")
+        raise InvalidInput(f"model: expected a mujoco.MjModel, got {shorten(model)}")
     path = _path(model, own, every, qpos, prefix)
     try:
         played = Actuators(model).play(path, own, feed_forward)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pinograsp.checks import array_of, number, one_line, one_of, path_of, shown
+from pinograsp.checks import array_of, number, one_line, one_of, path_of, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.trajectory import FIELDS, GAINS, MESSAGE, SUFFIXES, JointTrajectory
 from pinograsp.hands.elements import read_bytes
@@ -109,7 +109,7 @@ def read_ros2(path: str | Path) -> JointTrajectory:
     if bases := [one for one in found if _moves_a_base(one)]:
         raise InvalidInput(
             f"{told}: expected joints of an arm alone, got a multi_dof_joint_trajectory of "
-            f"{shown(bases[0]['joint_names'])}: a base that moves is not planned for"
+            f"{shorten(bases[0]['joint_names'])}: a base that moves is not planned for"
         )
     full = [one for one in found if one["joint_names"] or one["points"]]
     if len(full) != 1:
@@ -129,7 +129,7 @@ def _content(path: Path) -> bytes:
 
 
 def _quote_path(path: Path) -> str:
-    return shown(str(path)[:300])
+    return shorten(str(path)[:300])
 
 
 def _limit_lines(lines: io.StringIO) -> Iterator[str]:
@@ -172,7 +172,7 @@ def _instead(documents: list[Any], empty: int, full: int) -> str:
     if empty:
         return "expected a trajectory, got one without joints and points: did the planner find none?"
     document = next((one for one in documents if one is not None), None)
-    got = f"the keys {', '.join(map(str, document))[:200]}" if isinstance(document, dict) else shown(document)
+    got = f"the keys {', '.join(map(str, document))[:200]}" if isinstance(document, dict) else shorten(document)
     return f"expected a trajectory_msgs/JointTrajectory, with joint_names and points, got {got}"
 
 
@@ -180,11 +180,11 @@ def _trajectory(message: dict[str, Any]) -> JointTrajectory:
     names, points = (_check_list(key, message[key]) for key in ("joint_names", "points"))
     for name in names:
         if not isinstance(name, str | int) or isinstance(name, bool):
-            raise InvalidInput(f"joint_names: expected texts, got {shown(name)}")
+            raise InvalidInput(f"joint_names: expected texts, got {shorten(name)}")
     times = []
     for i, point in enumerate(points):
         if not isinstance(point, dict):
-            raise InvalidInput(f"points: expected mappings, got {shown(point)} as number {i}")
+            raise InvalidInput(f"points: expected mappings, got {shorten(point)} as number {i}")
         times.append(_seconds(f"time_from_start of point {i}", point.get("time_from_start")))
     columns = {}
     for key, attribute in MESSAGE.items():
@@ -205,7 +205,7 @@ def _trajectory(message: dict[str, Any]) -> JointTrajectory:
 def _check_list(key: str, value: object) -> list[Any]:
     """A list of a message, all of it."""
     if not isinstance(value, list):
-        raise InvalidInput(f"{key}: expected a list, got {shown(value)}")
+        raise InvalidInput(f"{key}: expected a list, got {shorten(value)}")
     if _ECHOED in value:
         raise InvalidInput(f"{key}: cut off after {value.index(_ECHOED)}: echo it once more with --full-length")
     return value
@@ -218,5 +218,5 @@ def _seconds(name: str, value: object) -> float:
     keys = ("sec", "nanosec") if "sec" in value else ("secs", "nsecs")
     whole, fraction = (number(f"{key} of {name}", value.get(key, 0)) for key in keys)
     if not value.keys() & set(keys):
-        raise InvalidInput(f"{name}: expected sec and nanosec, got {shown(value)}")
+        raise InvalidInput(f"{name}: expected sec and nanosec, got {shorten(value)}")
     return whole + 1e-9 * fraction

@@ -14,12 +14,12 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, instance_of, items_of, number, placement_of, shown, text_of
+from pinograsp.checks import array_of, brief, instance_of, items_of, number, placement_of, shorten, text_of
 from pinograsp.spatial import Array, pose_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ellipsoid:
+class PhalanxShape:
     """Semi-axes [m]: ``a`` along the link, ``b`` along the flexion axis, ``c`` perpendicular to both."""
 
     a: float
@@ -55,7 +55,7 @@ class Link:
     alpha: float = 0.0
     lower: float
     upper: float
-    phalanx: Ellipsoid | None = None
+    phalanx: PhalanxShape | None = None
 
     __repr__ = brief()
 
@@ -63,8 +63,8 @@ class Link:
         text_of("name of the joint", self.joint)
         text_of("name of the link", self.link)
         for name in ("d", "a", "alpha", "lower", "upper"):
-            object.__setattr__(self, name, number(f"{name} of link {shown(self.link)}", getattr(self, name)))
-        instance_of("phalanx", self.phalanx, Ellipsoid, type(None))
+            object.__setattr__(self, name, number(f"{name} of link {shorten(self.link)}", getattr(self, name)))
+        instance_of("phalanx", self.phalanx, PhalanxShape, type(None))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +74,7 @@ class FingerDescription:
     name: str
     base: Array
     links: tuple[Link, ...]
-    metacarpal: Ellipsoid | None = None
+    metacarpal: PhalanxShape | None = None
 
     __repr__ = brief()
 
@@ -82,7 +82,7 @@ class FingerDescription:
         text_of("name of the finger", self.name)
         object.__setattr__(self, "base", placement_of("base of the finger", self.base))
         object.__setattr__(self, "links", items_of("links", self.links, Link))
-        instance_of("metacarpal", self.metacarpal, Ellipsoid, type(None))
+        instance_of("metacarpal", self.metacarpal, PhalanxShape, type(None))
 
     def frames(self, q: ArrayLike) -> list[Array]:
         """DH frames {0}..{n} in the palm frame at joint angles ``q`` [rad]; the last one is the fingertip."""

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, flag, frozen, items_of, number, one_of, shown, text_of
+from pinograsp.checks import array_of, brief, flag, frozen, items_of, number, one_of, shorten, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
 from pinograsp.hands.sources import Figure, Source
@@ -75,7 +75,7 @@ class Drive:
         where = f"drive '{self.name}'"
         joints = items_of(f"joints of {where}", self.joints, str)
         if not joints or len(set(joints)) < len(joints):
-            raise InvalidInput(f"joints of {where}: expected one or more joints, each once, got {shown(joints)}")
+            raise InvalidInput(f"joints of {where}: expected one or more joints, each once, got {shorten(joints)}")
         arms = array_of(f"arms of {where}", self.arms, (None,))
         if len(arms) != len(joints):
             raise InvalidInput(f"arms of {where}: expected one per joint, {len(joints)}, got {len(arms)}")
@@ -205,7 +205,7 @@ def _independent(name: str, joint: str, joints: Sequence[str], couplings: Mappin
 
 def _each_once(name: str, names: list[str]) -> None:
     if twice := [one for one, count in Counter(names).items() if count > 1]:
-        raise InvalidInput(f"{name}: expected each once, got more than once {shown(', '.join(twice))}")
+        raise InvalidInput(f"{name}: expected each once, got more than once {shorten(', '.join(twice))}")
 
 
 def transmission(joints: Sequence[str], drives: Sequence[Drive]) -> Array:

@@ -7,7 +7,7 @@ import os
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-from pinograsp.checks import shown
+from pinograsp.checks import shorten
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.file_reads import note_content
 
@@ -97,7 +97,7 @@ def parse(source: str, text: str) -> ElementTree.Element:
     return robot
 
 
-def named(robot: ElementTree.Element, tag: str) -> list[tuple[str, ElementTree.Element]]:
+def find_named(robot: ElementTree.Element, tag: str) -> list[tuple[str, ElementTree.Element]]:
     """The robot's elements of a kind, with their names."""
     return [(element.get("name", ""), element) for element in robot.findall(tag)]
 
@@ -128,7 +128,7 @@ def numbers(
     except ValueError:
         values = []
     if len(values) != count:
-        raise ValueError(f"expected {count} finite number{'s' * (count > 1)}, got {shown(text)}")
+        raise ValueError(f"expected {count} finite number{'s' * (count > 1)}, got {shorten(text)}")
     if max(map(abs, values)) > most:
-        raise ValueError(f"expected {'numbers' if count > 1 else 'a number'} of at most {most:g}, got {shown(text)}")
+        raise ValueError(f"expected {'numbers' if count > 1 else 'a number'} of at most {most:g}, got {shorten(text)}")
     return values

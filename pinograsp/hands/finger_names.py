@@ -53,7 +53,7 @@ _TELLING = {"thumb", "index", "middle"}  # two of them make the others fingers a
 _SIDES = {"left": "left", "lh": "left", "right": "right", "rh": "right"}
 
 
-def names_of(chains: list[list[Part]], labels: Labels) -> list[str]:
+def name_fingers(chains: list[list[Part]], labels: Labels) -> list[str]:
     """What people call the fingers, where all joints or links say so, or some and none says another, or abbreviations
     do, or else motors, sites or shapes; of two hands with the side before it, also beside legs and a head. Where
     nothing says so: what is the finger's own in the common prefix of its links, if that tells the fingers apart, or

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from pinograsp.hands.dh import Ellipsoid, FingerDescription, HandDescription, Link
+from pinograsp.hands.dh import FingerDescription, HandDescription, Link, PhalanxShape
 from pinograsp.spatial import Array, pose_of
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
@@ -106,9 +106,9 @@ def _links(finger: str) -> tuple[Link, ...]:
     )
 
 
-def _ellipsoid(axes_mm: Iterable[float]) -> Ellipsoid:
+def _ellipsoid(axes_mm: Iterable[float]) -> PhalanxShape:
     a, b, c = (1e-3 * value for value in axes_mm)
-    return Ellipsoid(a=a, b=b, c=c)
+    return PhalanxShape(a=a, b=b, c=c)
 
 
 def case_study_pose() -> Array:

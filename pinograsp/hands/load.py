@@ -18,7 +18,7 @@ from pinograsp.hands.body_checks import mend_bodies
 from pinograsp.hands.catalogue import CATALOGUE, Entry
 from pinograsp.hands.descriptions import RobotDescription, read_description
 from pinograsp.hands.drives import ON_DRIVES, Drive, Spring, one_each
-from pinograsp.hands.finger_names import Labels, names_of
+from pinograsp.hands.finger_names import Labels, name_fingers
 from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing, without_shapes
 from pinograsp.hands.joint_limits import with_effort_limits
 from pinograsp.hands.linkage import without_levers
@@ -130,7 +130,7 @@ def load_hand(
     if hulls:
         shapes = tuple(one.geometry for one in hand.geometry.geometryObjects)
         hand = replace(hand, geometry=geometry.hulls(hand.geometry), own_shapes=shapes)
-    return hand if pose is None else hand.placed(pose)
+    return hand if pose is None else hand.place(pose)
 
 
 def _build_model(source: str, prepared: PreparedHand) -> pin.Model:
@@ -188,7 +188,7 @@ def _build_hand(
         lambda chains: without_levers(model, geometry, chains, notes),
         palm,
         names,
-        lambda chains: names_of(chains, labels),
+        lambda chains: name_fingers(chains, labels),
     )
     fingers = tuple(
         Finger.on_model(

@@ -49,13 +49,13 @@ def read_triangles(path: Path, *, corners_alone: bool = False) -> tuple[Array, I
     import trimesh  # slow to import
 
     kind = path.suffix.lower()
-    read = load(path, corners_alone=corners_alone, force="mesh")
+    read = load_mesh_file(path, corners_alone=corners_alone, force="mesh")
     if not isinstance(read, trimesh.Trimesh):
         raise ValueError(f"expected a readable {kind[1:].upper()} mesh, got a {type(read).__name__}")
     return check_triangles(read.vertices, read.faces)
 
 
-def load(path: Path, *, corners_alone: bool = False, **settings: Any) -> trimesh.parent.Geometry:
+def load_mesh_file(path: Path, *, corners_alone: bool = False, **settings: Any) -> trimesh.parent.Geometry:
     """What trimesh makes of a mesh file that has been looked at; in metres where it says its unit, as COLLADA does.
 
     ``corners_alone`` as for :func:`read_triangles`; ``settings``: of ``trimesh.load``.

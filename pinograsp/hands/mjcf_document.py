@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
 
-from pinograsp.checks import shown
+from pinograsp.checks import shorten
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.elements import MOST_ELEMENTS, floats, parse_xml, read_bytes
 from pinograsp.hands.file_reads import is_there
@@ -130,7 +130,7 @@ class MjcfDocument:
                 raise ValueError("includes itself")
             return found, parse_xml(read_bytes(found))
         except (OSError, ValueError) as error:
-            self.problems.append(f"<{element.tag} file={shown(name)}>: {error}")
+            self.problems.append(f"<{element.tag} file={shorten(name)}>: {error}")
             return None
 
     def _name_files(
@@ -165,7 +165,7 @@ class MjcfDocument:
         for mesh in element.iter("mesh"):
             for key in ("params", "subdivision", "resolution"):
                 if (text := mesh.get(key)) and max(map(abs, _floats(text)), default=math.inf) > _MOST_PARAMETER:
-                    self.problems.append(f"<mesh {key}={shown(text)}>: expected numbers up to {_MOST_PARAMETER:g}")
+                    self.problems.append(f"<mesh {key}={shorten(text)}>: expected numbers up to {_MOST_PARAMETER:g}")
 
     def _check_copies(self, element: ElementTree.Element) -> None:
         """Refuse repetitions that would make more elements than are read."""

@@ -95,7 +95,7 @@ def _fit(tree: _Linkage, motor: str, loops: list[Loop]) -> tuple[dict[str, Coupl
     last = {start: np.array([tree.rests[name].reference for name in names])}
     for i in (*range(start, _SAMPLES), *range(start - 1, -1, -1)):
         before = last[start] if i == start else last[i - 1 if i > start else i + 1]
-        last[i] = solved[i] = tree.solved(motor, float(values[i]), names, before, loops)
+        last[i] = solved[i] = tree.solve(motor, float(values[i]), names, before, loops)
     lines: dict[str, Coupling] = {}
     for name, way in zip(names, solved.T):
         factor, offset = np.polyfit(values, way, 1).tolist()
@@ -170,7 +170,7 @@ class _Linkage:
         one, other = (self.pose(link, q).act(anchor) for link, anchor in zip(loop.links, loop.anchors))
         return np.asarray(other - one)
 
-    def solved(self, motor: str, value: float, names: list[str], before: Array, loops: list[Loop]) -> Array:
+    def solve(self, motor: str, value: float, names: list[str], before: Array, loops: list[Loop]) -> Array:
         """Positions of joints (n,) that close the loops with the motor at ``value``, springs at least energy."""
         rests = [self.rests[name] for name in names]
         pull = np.sqrt([rest.stiffness for rest in rests])

@@ -19,7 +19,7 @@ from pinograsp.checks import array_of, number, one_of, placement_of
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands.descriptions import RobotDescription
 from pinograsp.hands.drives import Control, Drive, Spring, checked_drives, checked_springs, drive_record, one_each
-from pinograsp.hands.elements import named, parse
+from pinograsp.hands.elements import find_named, parse
 from pinograsp.hands.geometry import PRIMITIVES, SIZES, hull_of, read_mesh
 from pinograsp.hands.mesh_file import collision_model
 from pinograsp.hands.model import Finger, HandModel
@@ -27,7 +27,7 @@ from pinograsp.hands.shapes import MeshNames
 from pinograsp.hands.sources import Figure, Source
 from pinograsp.hands.urdf import prepare_hand
 from pinograsp.hands.urdf_file import MOMENTS, read_urdf
-from pinograsp.hands.visuals import read_triangles, visuals_from, visuals_record, write_triangles
+from pinograsp.hands.visuals import parse_triangles, visuals_from, visuals_record, write_triangles
 from pinograsp.spatial import FARTHEST
 
 _Kind = TypeVar("_Kind")
@@ -203,7 +203,7 @@ def _description(record: dict[str, Any]) -> str:
         raise HandNotLoaded(source, "expected revolute, prismatic and fixed joints, got continuous ones")
     try:
         same = ElementTree.tostring(robot, encoding="unicode")
-        for _, link in named(robot, "link"):
+        for _, link in find_named(robot, "link"):
             for collision in link.findall("collision"):
                 link.remove(collision)
             if link.find("inertial") is None:  # the record has the masses that were found later
@@ -383,7 +383,7 @@ def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> _Shapes:
         placement = _placement(one, where)
         if from_file and "triangles" in one:
             from_file = False
-            form = collision_model(*read_triangles(f"hand record: {where}triangles", one["triangles"]))
+            form = collision_model(*parse_triangles(f"hand record: {where}triangles", one["triangles"]))
         elif from_file:
             form = _mesh(_field(one, "path", str, where), size, problems)
         else:

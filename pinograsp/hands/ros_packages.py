@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TypeAlias
 
-from pinograsp.checks import mapping_of, path_of, shown, text_of
+from pinograsp.checks import mapping_of, path_of, shorten, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.elements import parse_xml, read_bytes
 
@@ -27,7 +27,7 @@ def packages_of(given: Mapping[str, str | Path] | None) -> Packages:
     found: dict[str, Path] = {}
     for name, folder in mapping_of("packages", {} if given is None else given, "{name: folder}").items():
         if not NAME.fullmatch(text_of("name of a package", name)):
-            raise InvalidInput(f"packages: expected the name of a ROS package, got {shown(name)}")
+            raise InvalidInput(f"packages: expected the name of a ROS package, got {shorten(name)}")
         path = path_of(f"folder of package '{name}'", folder).expanduser()
         if not path.is_dir():
             raise InvalidInput(f"packages: expected the folder of package '{name}', got '{folder}', which is none")

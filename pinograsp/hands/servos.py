@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import each_of, instance_of, shown
+from pinograsp.checks import each_of, instance_of, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.drives import SERVO, SLIDING_SERVO
 from pinograsp.hands.model import HandModel
@@ -34,5 +34,7 @@ def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:
         return np.where(np.isnan(known), np.where(hand.slides, SLIDING_SERVO, SERVO), known)
     gains = each_of("servo stiffness", stiffness, hand.n)
     if gains.min() < 0:
-        raise InvalidInput(f"servo stiffness: expected values from 0 on (torque control), got {shown(gains.tolist())}")
+        raise InvalidInput(
+            f"servo stiffness: expected values from 0 on (torque control), got {shorten(gains.tolist())}"
+        )
     return gains

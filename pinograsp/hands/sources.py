@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from pinograsp.checks import brief, flag, floats_of, one_of, shown, text_of
+from pinograsp.checks import brief, flag, floats_of, one_of, shorten, text_of
 from pinograsp.errors import InvalidInput
 
 Figure: TypeAlias = Literal["limit", "stiffness", "damping", "step"]
@@ -44,7 +44,7 @@ class Source:
             if ends.shape != (2,) or not 0 <= ends[0] <= ends[1] < math.inf:
                 raise InvalidInput(
                     f"interval of a {self.figure}: expected the least and the largest value, from 0 on, got "
-                    f"{shown(ends.tolist())}"
+                    f"{shorten(ends.tolist())}"
                 )
             object.__setattr__(self, "interval", (float(ends[0]), float(ends[1])))
 

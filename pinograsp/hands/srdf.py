@@ -21,14 +21,14 @@ def pairs_in(robot: ElementTree.Element, links: Sequence[str]) -> Pairs:
     """
     place = {link: i for i, link in enumerate(links)}
 
-    def named(tag: str) -> set[tuple[str, str]]:
+    def read_pairs(tag: str) -> set[tuple[str, str]]:
         ends = [(one.get("link1", ""), one.get("link2", "")) for one in robot.findall(tag)]
         inside = [sorted(pair, key=place.__getitem__) for pair in ends if set(pair) <= place.keys()]
         return {(one, other) for one, other in inside}
 
     never = {one.get("link", "") for one in robot.findall("disable_default_collisions")}
     default = {pair for pair in itertools.combinations(links, 2) if not never.isdisjoint(pair)}
-    found = (default - named("enable_collisions")) | named("disable_collisions")
+    found = (default - read_pairs("enable_collisions")) | read_pairs("disable_collisions")
     return tuple(sorted(found, key=lambda pair: (place[pair[0]], place[pair[1]])))
 
 

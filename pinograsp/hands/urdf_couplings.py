@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from pinograsp.hands.elements import floats, named
+from pinograsp.hands.elements import find_named, floats
 from pinograsp.hands.tree import MOVING
 from pinograsp.words import printable
 
@@ -35,7 +35,7 @@ def add_couplings(robot: ElementTree.Element, problems: list[str], notes: list[s
 
     A joint with a <mimic> of its own keeps it. What cannot be read is noted; ``problems``: numbers that are none.
     """
-    joints = {name: joint for name, joint in named(robot, "joint") if joint.get("type") in (*MOVING, "continuous")}
+    joints = {name: joint for name, joint in find_named(robot, "joint") if joint.get("type") in (*MOVING, "continuous")}
     added: dict[str, _Told] = {}
     for told in [*_of_controllers(robot, joints, notes), *_of_plugins(robot, notes)]:
         what = f"{told.where}: {printable(told.follower, 60)} is told to follow {printable(told.leader, 60)}"

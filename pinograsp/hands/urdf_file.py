@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.hands.elements import LARGEST, LEAST, named, numbers
+from pinograsp.hands.elements import LARGEST, LEAST, find_named, numbers
 from pinograsp.hands.tree import MOVING
 from pinograsp.spatial import FARTHEST
 from pinograsp.words import printable
@@ -74,7 +74,7 @@ def read_urdf(element: ElementTree.Element, problems: list[str]) -> tuple[yourdf
         return yourdfpy.Robot(name=""), {}
     armatures = {
         name: float(dynamics.get("armature", "0"))
-        for name, joint in named(clean, "joint")
+        for name, joint in find_named(clean, "joint")
         for dynamics in joint.findall("dynamics")[:1]
     }
     stream = io.BytesIO(ElementTree.tostring(clean, encoding="utf-8"))

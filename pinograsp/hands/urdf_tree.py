@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from pinograsp.errors import HandNotLoaded
-from pinograsp.hands.elements import end_of, named
+from pinograsp.hands.elements import end_of, find_named
 from pinograsp.hands.tree import MOVING
 
 if TYPE_CHECKING:
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 def cut_out(source: str, robot: ElementTree.Element, root: str, notes: list[str]) -> set[str]:
     """Keep the links and joints below ``root`` only; the names of the joints outside."""
-    links = [name for name, _ in named(robot, "link")]
+    links = [name for name, _ in find_named(robot, "link")]
     if root not in links:
         raise HandNotLoaded(source, f"root '{root}' is not a link; links: {', '.join(links)}")
     kept = _reach([(end_of(joint, "parent"), end_of(joint, "child")) for joint in robot.findall("joint")], root)
-    outside = {name for name, joint in named(robot, "joint") if end_of(joint, "parent") not in kept}
-    for name, link in named(robot, "link"):
+    outside = {name for name, joint in find_named(robot, "joint") if end_of(joint, "parent") not in kept}
+    for name, link in find_named(robot, "link"):
         if name not in kept:
             robot.remove(link)
-    for _, joint in named(robot, "joint"):
+    for _, joint in find_named(robot, "joint"):
         if end_of(joint, "parent") not in kept:
             robot.remove(joint)
     notes.append(f"the sub-tree of '{root}' is the hand: {len(kept)} of {len(links)} links")

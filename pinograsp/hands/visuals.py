@@ -21,7 +21,7 @@ from pinograsp.checks import array_of, one_of, placement_of, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.elements import read_bytes
 from pinograsp.hands.geometry import PRIMITIVES, SIZES, Kind, Shape, Triangles
-from pinograsp.hands.mesh_file import check_triangles, join_vertices, load
+from pinograsp.hands.mesh_file import check_triangles, join_vertices, load_mesh_file
 from pinograsp.hands.shapes import hex_of
 from pinograsp.spatial import FARTHEST, Array, IntArray
 
@@ -123,7 +123,7 @@ def _paint(file: str, texture: str, colour: str) -> tuple[Array, IntArray, Array
 
     path = Path(file)
     pixels = _pixels(texture) if texture else None
-    scene = load(path, force="scene", resolver=_resolver(path.parent))
+    scene = load_mesh_file(path, force="scene", resolver=_resolver(path.parent))
     if not isinstance(scene, trimesh.Scene):
         raise ValueError(f"expected a mesh, got a {type(scene).__name__}")
     vertices, faces, colours, count = [], [], [], 0
@@ -247,7 +247,7 @@ def _parts(vertices: Array, faces: IntArray, colours: Array, most: int) -> tuple
     """The mesh in parts of one colour, with about ``most`` triangles in all."""
     if len(faces) > most:
         middles = vertices[faces].mean(axis=1)
-        vertices, faces = simplified(vertices, faces, most)
+        vertices, faces = simplify(vertices, faces, most)
         colours = colours[cKDTree(middles).query(vertices[faces].mean(axis=1))[1]]
     distinct, which = np.unique(colours, axis=0, return_inverse=True)
     which = which.ravel()
@@ -262,7 +262,7 @@ def _parts(vertices: Array, faces: IntArray, colours: Array, most: int) -> tuple
     return tuple(parts)
 
 
-def simplified(vertices: Array, faces: IntArray, most: int) -> tuple[Array, IntArray]:
+def simplify(vertices: Array, faces: IntArray, most: int) -> tuple[Array, IntArray]:
     """A surface of about ``most`` triangles near the given one."""
     if len(faces) <= most:
         return vertices, faces
@@ -345,7 +345,7 @@ def visuals_from(records: Sequence[Any], links: Sequence[str]) -> tuple[Shape, .
                 path=path,
                 colour=colour,
                 texture=texture,
-                triangles=read_triangles(f"{where}triangles", one["triangles"]) if "triangles" in one else None,
+                triangles=parse_triangles(f"{where}triangles", one["triangles"]) if "triangles" in one else None,
             )
         )
     return tuple(shapes)
@@ -357,7 +357,7 @@ def write_triangles(vertices: Array, faces: IntArray) -> dict[str, str]:
     return {key: base64.b64encode(values.tobytes()).decode() for key, values in parts.items()}
 
 
-def read_triangles(where: str, record: object) -> Triangles:
+def parse_triangles(where: str, record: object) -> Triangles:
     """What :func:`write_triangles` wrote down; :class:`InvalidInput` for anything else."""
     if not isinstance(record, dict):
         raise InvalidInput(f"{where}: expected a mapping, got {record!r:.60}")

@@ -67,14 +67,14 @@ class Guard:
     def _limit(self, function: Any) -> Callable[..., Any]:
         """A function of xacro that goes through an element, or a text."""
 
-        def limited(subject: Any, *others: Any) -> Any:
+        def call(subject: Any, *others: Any) -> Any:
             text = subject if isinstance(subject, str) else ""
             self._charge(len(text))
             if "$" in text and len(text) > arithmetic.MOST_TEXT:
                 raise NotAllowed(f"a text with expressions has more than {arithmetic.MOST_TEXT} characters")
             return function(subject, *others)
 
-        return limited
+        return call
 
     def _evaluate(self, expression: str, symbols: Mapping[str, arithmetic.Value], _: object = None) -> arithmetic.Value:
         self._charge(arithmetic.size_of(value := arithmetic.evaluate(expression, symbols, self.functions)))

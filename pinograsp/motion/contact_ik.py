@@ -21,7 +21,7 @@ from pinograsp.hands import Finger, HandModel
 from pinograsp.motion.jacobian import point_jacobian
 from pinograsp.motion.planar import REACHED, AngleSampling, closed_form, planar_finger, touching_point
 from pinograsp.spatial import Array
-from pinograsp.words import fixed
+from pinograsp.words import format_fixed
 
 MOST_SAMPLES = 10_000  # postures of a redundant joint
 _LIMIT_SLACK = 1e-9  # [rad] a limit met exactly must survive rounding
@@ -183,7 +183,7 @@ def _beyond_limits(finger: Finger, angles: Sequence[Array], lower: Array, upper:
     nearest = angles[min(range(len(angles)), key=lambda i: (np.sum(beyond[i] > _LIMIT_SLACK), beyond[i].max()))]
 
     def degrees(angle: float) -> str:
-        return fixed(math.degrees(angle), 1)
+        return format_fixed(math.degrees(angle), 1)
 
     over = [
         f"{joint} at {degrees(q)} deg, limits {degrees(low)}..{degrees(high)}"

@@ -18,7 +18,7 @@ from pinograsp.checks import (
     integer,
     number,
     one_of,
-    shown,
+    shorten,
 )
 from pinograsp.contacts import PALM
 from pinograsp.errors import InvalidInput, Status
@@ -140,7 +140,7 @@ class OnlineForces:
                 setattr(setup, name, value)
             self._loop = loop = core.load().Loop(setup)
         except ValueError as error:  # the core's own limits of sizes; the message names the field
-            value = shown(self._setup.get(str(error)))
+            value = shorten(self._setup.get(str(error)))
             raise InvalidInput(f"OnlineForces: expected a {error} of usual size, got {value}") from None
         self._tick = loop.step
         self.forces, self.moments, self.residual, self.torques = loop.forces, loop.moments, loop.residual, loop.torques
@@ -207,7 +207,7 @@ class OnlineForces:
             raise InvalidInput("stiffness: expected with a hand, whose servos have it: give hand=..., too")
         given = each_of("stiffness", stiffness, self.hand.n)
         if given.min() <= 0:
-            raise InvalidInput(f"stiffness: expected values above 0 [N m/rad or N/m], got {shown(given.tolist())}")
+            raise InvalidInput(f"stiffness: expected values above 0 [N m/rad or N/m], got {shorten(given.tolist())}")
         return 1.0 / given
 
     def _range(self, given: tuple[ArrayLike, ArrayLike] | None) -> Array:
@@ -223,7 +223,7 @@ class OnlineForces:
         try:
             least, largest = given
         except (TypeError, ValueError):
-            raise InvalidInput(f"normal forces: expected (least, largest) [N], got {shown(given)}") from None
+            raise InvalidInput(f"normal forces: expected (least, largest) [N], got {shorten(given)}") from None
         both = np.array(
             [each_of("least normal forces", least, problem.k), each_of("largest normal forces", largest, problem.k)]
         )
@@ -342,7 +342,7 @@ class OnlineForces:
         if mu is not None:
             each = _check_array("mu", each_of("mu", mu, k), (k,), _FAR)
             if each.min() < 0:
-                raise InvalidInput(f"mu: expected friction coefficients >= 0, got {shown(each.tolist())}")
+                raise InvalidInput(f"mu: expected friction coefficients >= 0, got {shorten(each.tolist())}")
             self._loop.rub(each)
         if frames is not None:
             self._place(frames[:, :3, 3], frames[:, :3, :3])

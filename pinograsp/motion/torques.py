@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, each_of, floats_of, instance_of, shown
+from pinograsp.checks import array_of, each_of, floats_of, instance_of, shorten
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimit, TorqueLimits, Underactuation
@@ -94,7 +94,7 @@ def effort_of(hand: HandModel, torque_limit: TorqueLimit) -> Array:
     limit = np.full(hand.n, limit) if limit.ndim == 0 else limit
     if limit.shape != (hand.n,):
         raise InvalidInput(
-            f"torque limit: expected one number > 0 or {hand.n} [N m], or 'effort', got {shown(torque_limit)}"
+            f"torque limit: expected one number > 0 or {hand.n} [N m], or 'effort', got {shorten(torque_limit)}"
         )
     return limit
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypedDict, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, items_of, number, placement_of, read_only, shown
+from pinograsp.checks import array_of, brief, items_of, number, placement_of, read_only, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array, BoolArray, moments_problem
 
@@ -192,13 +192,13 @@ class Body:
         turn = self.shape_b[:3, :3]
         return read_only(turn.T @ self.inertia_b @ turn)
 
-    def placed(self: _Solid, pose: ArrayLike) -> _Solid:
+    def place(self: _Solid, pose: ArrayLike) -> _Solid:
         """The same solid with its body frame at ``pose`` oMb (4, 4) [m]."""
         moved = copy.copy(self)
         moved._put(pose)
         return moved
 
-    def moved(self: _Solid, shift_o: ArrayLike, turn_o: ArrayLike) -> _Solid:
+    def move(self: _Solid, shift_o: ArrayLike, turn_o: ArrayLike) -> _Solid:
         """The same solid turned by ``turn_o`` (3, 3) about its centre of mass, which moves by ``shift_o`` (3,) [m].
 
         Both are in the world's axes.
@@ -207,7 +207,7 @@ class Body:
         pose = np.array(self.pose)
         pose[:3, :3] = turn @ pose[:3, :3]
         pose[:3, 3] = self.com_o + array_of("shift", shift_o, (3,)) + turn @ (pose[:3, 3] - self.com_o)
-        return self.placed(pose)
+        return self.place(pose)
 
     def project(self, points_o: ArrayLike) -> tuple[Array, Array, Array]:
         """Nearest surface points (k, 3) [m], inward unit normals (k, 3) and signed distances (k,) [m].
@@ -240,7 +240,7 @@ class Body:
     def _local(self, points_o: ArrayLike) -> Array:
         points = array_of("points", points_o, (None, 3))
         if np.abs(points).max(initial=0.0) > _FAR:
-            raise InvalidInput(f"points: expected them within {_FAR:g} m of the origin, got {shown(points.tolist())}")
+            raise InvalidInput(f"points: expected them within {_FAR:g} m of the origin, got {shorten(points.tolist())}")
         local: Array = (points - self.com_o) @ self.shape_pose[:3, :3]
         return local
 
@@ -284,7 +284,7 @@ def _checked_inertia(name: str, value: object, most: float) -> Array:
     inertia = array_of(f"{name} inertia", value, (3, 3))
     moments = np.linalg.eigvalsh((inertia + inertia.T) / 2)
     if np.abs(inertia - inertia.T).max() > _DIGITS * moments[2]:
-        raise InertiaImpossible(f"{name} inertia: expected a symmetric matrix, got {shown(inertia.tolist())}")
+        raise InertiaImpossible(f"{name} inertia: expected a symmetric matrix, got {shorten(inertia.tolist())}")
     if problem := moments_problem(moments, most):
         raise InertiaImpossible(f"{name} inertia: {problem}")
     return read_only((inertia + inertia.T) / 2)

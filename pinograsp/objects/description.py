@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from pinograsp.checks import shown
+from pinograsp.checks import shorten
 from pinograsp.hands.elements import floats, numbers
 from pinograsp.hands.shapes import mesh_path
 from pinograsp.hands.urdf_file import MOMENTS
@@ -33,7 +33,7 @@ _STILL = ("fixed", "floating")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class CollisionShape:
     """A collision shape.
 
     Attributes:
@@ -63,7 +63,7 @@ class Description:
         notes: what was left out.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[CollisionShape, ...]
     mass: float | None
     com: Array | None
     inertia: Array | None
@@ -109,12 +109,14 @@ def sdf_description(root: ElementTree.Element, folder: Path, packages: Mapping[s
     models = [root] if root.tag == "model" else [*root.findall("model"), *root.findall("world/model")]
     if len(models) != 1:
         raise ValueError(
-            f"expected one <model>, got {len(models)}{names_of(models)}: give each object a file of its own"
+            f"expected one <model>, got {len(models)}{list_names(models)}: give each object a file of its own"
         )
     (model,) = models
     nested = [*model.findall("model"), *model.findall("include")]
     if nested:
-        raise ValueError(f"expected one object, got a model with others in it{names_of(nested)}: give the file of one")
+        raise ValueError(
+            f"expected one object, got a model with others in it{list_names(nested)}: give the file of one"
+        )
     moving = [joint.get("name", "") for joint in model.findall("joint") if joint.get("type") not in _STILL]
     link = _only_link(model, moving)
     of_link = _read_pose(link)
@@ -145,7 +147,7 @@ def _texts(element: ElementTree.Element, key: str, count: int, default: str | No
     except ValueError:
         values = []
     if len(values) != count or max(map(abs, values)) > _LARGEST:
-        raise ValueError(f"<{key}>: expected {count} finite number{'s' * (count > 1)}, got {shown(text)}")
+        raise ValueError(f"<{key}>: expected {count} finite number{'s' * (count > 1)}, got {shorten(text)}")
     return values
 
 
@@ -173,14 +175,14 @@ def _only_link(model: ElementTree.Element, moving: list[str]) -> ElementTree.Ele
     heavy = [link for link in links if link.find("inertial") is not None and link not in solid]
     if len(solid) != 1 or heavy:
         raise ValueError(
-            f"expected one link with <collision> and no others that weigh, got {len(solid)}{names_of(solid)}"
-            + (f" and others that weigh{names_of(heavy)}" if heavy else "")
+            f"expected one link with <collision> and no others that weigh, got {len(solid)}{list_names(solid)}"
+            + (f" and others that weigh{list_names(heavy)}" if heavy else "")
             + ": give the file of one rigid object"
         )
     return solid[0]
 
 
-def names_of(elements: list[ElementTree.Element]) -> str:
+def list_names(elements: list[ElementTree.Element]) -> str:
     """The first names of elements in brackets, for a message."""
     names = ", ".join(element.get("name") or f"<{element.tag}>" for element in elements[:10])
     return f" ({names})" if names else ""
@@ -206,13 +208,13 @@ def shape_of(collision: ElementTree.Element, sizes: Mapping[Kind, dict[str, int]
 
 def part_of(
     kind: Kind, sizes: list[list[float]], pose: Array, name: str, folder: Path, packages: Mapping[str, Path]
-) -> Part:
+) -> CollisionShape:
     """A shape of these sizes, or the mesh called ``name``; ValueError where it has no size or is not there."""
     size = tuple(value for group in sizes for value in group)
     if not all(value != 0 if kind == "mesh" else _LEAST <= value <= FARTHEST for value in size):
         raise ValueError(f"<{kind}>: expected sizes > 0 [m], got {' '.join(f'{value:g}' for value in size)}")
     if kind != "mesh":
-        return Part(kind=kind, size=size, pose=pose)
+        return CollisionShape(kind=kind, size=size, pose=pose)
     # Relative to the file, or to the folder of all assets above it, as Isaac Gym has them.
     places = [mesh_path(name, place, packages) for place in (folder, *list(folder.parents)[:2])] if name else []
     path = next((place for place in places if place is not None), None)
@@ -220,10 +222,10 @@ def part_of(
         raise ValueError(
             f"mesh '{name:.200}' not found: expected it beside the file (packages= gives the folders of ROS packages)"
         )
-    return Part(kind=kind, size=size, pose=pose, path=path)
+    return CollisionShape(kind=kind, size=size, pose=pose, path=path)
 
 
-def _weigh(parts: list[Part], mass: float, pose: Array, moments: list[float] | None) -> Description:
+def _weigh(parts: list[CollisionShape], mass: float, pose: Array, moments: list[float] | None) -> Description:
     if mass < 0:
         raise ValueError(f"<mass>: expected >= 0 kg, got {mass:g}")
     if mass == 0:

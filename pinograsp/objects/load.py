@@ -23,7 +23,7 @@ from pinograsp.spatial import Array, IntArray
 if TYPE_CHECKING:
     import mujoco
 
-    from pinograsp.objects.description import Description, Part
+    from pinograsp.objects.description import CollisionShape, Description
 
 _Solid = TypeVar("_Solid", bound=Body)
 
@@ -70,7 +70,7 @@ def load_object(
     """
     from pinograsp.hands.elements import is_text  # with Pinocchio, slow to import
     from pinograsp.hands.ros_packages import packages_of
-    from pinograsp.objects.object_file import read_description
+    from pinograsp.objects.object_file import read_object_file
 
     if type(path).__name__ == "MjSpec":
         name = "MjSpec"
@@ -82,7 +82,7 @@ def load_object(
     flag("hulls", hulls)
     pose = np.eye(4) if pose is None else placement_of("pose", pose)
     instance_of("body", body, str, type(None))
-    found = read_description(path, name, packages_of(packages), body)
+    found = read_object_file(path, name, packages_of(packages), body)
     if mass is None and density is None:
         mass = found.mass
         if mass is None:
@@ -137,7 +137,7 @@ def _with_inertia(make: Callable[..., _Solid], inertia: Array | None) -> _Solid:
         return body
 
 
-def _primitive(part: Part, given: dict[str, Any]) -> Body:
+def _primitive(part: CollisionShape, given: dict[str, Any]) -> Body:
     size = part.size
     if part.kind == "box":
         return Box(size=np.array(size), **given)
@@ -150,7 +150,7 @@ def _primitive(part: Part, given: dict[str, Any]) -> Body:
     return Ellipsoid(semi_axes=np.array(size), **given)
 
 
-def _surfaces(parts: Sequence[Part], hulls: bool) -> dict[str, tuple[Array, IntArray]]:
+def _surfaces(parts: Sequence[CollisionShape], hulls: bool) -> dict[str, tuple[Array, IntArray]]:
     """Vertices and faces of shapes in the file's frame, by their number and kind; each file is read once."""
     from pinograsp.hands.mesh_file import MOST_TRIANGLES  # with Pinocchio, slow to import
 
@@ -185,7 +185,7 @@ def _scale(vertices: Array, faces: IntArray, scale: Sequence[float], hulls: bool
     return convex_surface(vertices, faces) if hulls else (vertices, faces)
 
 
-def _round_or_box(part: Part, sections: int, subdivisions: int) -> tuple[Array, IntArray]:
+def _round_or_box(part: CollisionShape, sections: int, subdivisions: int) -> tuple[Array, IntArray]:
     """A primitive as triangles, in its own frame."""
     import trimesh
 

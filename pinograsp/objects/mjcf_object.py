@@ -13,7 +13,7 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.mjcf import MjcfRobot
 from pinograsp.hands.mjcf_source import compile_file, compile_spec
 from pinograsp.hands.shapes import MeshNames, read_shapes
-from pinograsp.objects.description import MOST_SHAPES, Description, Part
+from pinograsp.objects.description import MOST_SHAPES, CollisionShape, Description
 from pinograsp.spatial import Array
 
 _UNTOLD = ("the sub-tree of",)  # notes of the reader that say nothing of an object
@@ -85,7 +85,7 @@ def _joint_types(model: mujoco.MjModel, body: int) -> set[int]:
     return set(model.jnt_type[first : first + int(model.body_jntnum[body])].tolist()) if first >= 0 else set()
 
 
-def _collect_parts(read: MjcfRobot, folder: Path) -> list[Part]:
+def _collect_parts(read: MjcfRobot, folder: Path) -> list[CollisionShape]:
     """The shapes of all links, which are fixed to the first, in its frame."""
     robot = read.robot
     if max(len(link.collisions) for link in robot.links) > MOST_SHAPES:
@@ -98,7 +98,7 @@ def _collect_parts(read: MjcfRobot, folder: Path) -> list[Part]:
     if left_out:
         raise ValueError("; ".join(left_out))
     return [
-        Part(
+        CollisionShape(
             kind=shape.kind,
             size=shape.size,
             pose=at[shape.link] @ shape.placement.homogeneous,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import mujoco
 
 
-def read_description(
+def read_object_file(
     source: str | Path | mujoco.MjSpec, name: str, packages: Mapping[str, Path], body: str | None = None
 ) -> Description:
     """What a URDF, SDF or MJCF file, the text of one, or a specification of MuJoCo's says of one object.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pinograsp.checks import one_of, shown
+from pinograsp.checks import one_of, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.ellipsoid import Ellipsoid
@@ -122,7 +122,7 @@ def object_language() -> list[str]:
 
 
 def object_from(spec: str, *, packages: Mapping[str, str | Path] | None = None) -> Body:
-    """The object that a text describes, at the world's origin (move it with ``placed``).
+    """The object that a text describes, at the world's origin (move it with ``place``).
 
     ``shape:field=value,field=value,...`` with the fields of the shapes in metres, kilograms and kg/m^3:
     ``"cylinder:radius=0.02,height=0.12,mass=0.2"``, ``"box:size=0.04x0.06x0.1,density=500"``,
@@ -137,7 +137,7 @@ def object_from(spec: str, *, packages: Mapping[str, str | Path] | None = None) 
         InvalidInput: unknown shape or field, a field missing or given twice, or a value that cannot be used.
     """
     if not isinstance(spec, str):
-        raise InvalidInput(f"object: expected a text such as 'sphere:radius=0.03,mass=0.2', got {shown(spec)}")
+        raise InvalidInput(f"object: expected a text such as 'sphere:radius=0.03,mass=0.2', got {shorten(spec)}")
     shape, _, rest = spec.strip().partition(":")
     construct, needed, optional, _ = _SHAPES[one_of("shape of the object", shape.strip(), _SHAPES)]
     fields = {**needed, **optional, **_WEIGHT}
@@ -147,19 +147,19 @@ def object_from(spec: str, *, packages: Mapping[str, str | Path] | None = None) 
         name, equals, text = (piece.strip() for piece in part.partition("="))
         if not equals:
             raise InvalidInput(
-                f"object {shown(spec)}: expected field=value, got {shown(part)}; fields: {', '.join(fields)}"
+                f"object {shorten(spec)}: expected field=value, got {shorten(part)}; fields: {', '.join(fields)}"
             )
         read, wanted, _ = fields[one_of(f"field of {shape.strip()}", name, fields)]
         if name in values:
-            raise InvalidInput(f"object {shown(spec)}: expected each field once, got {name} twice")
+            raise InvalidInput(f"object {shorten(spec)}: expected each field once, got {name} twice")
         try:
             values[name] = read(text)
         except (KeyError, ValueError):
-            raise InvalidInput(f"object {shown(spec)}: {name}: expected {wanted}, got {shown(text)}") from None
+            raise InvalidInput(f"object {shorten(spec)}: {name}: expected {wanted}, got {shorten(text)}") from None
     missing = [name for name in needed if name not in values]
     if missing:
         raise InvalidInput(
-            f"object {shown(spec)}: expected {', '.join(needed)} and mass or density, got no {', '.join(missing)}"
+            f"object {shorten(spec)}: expected {', '.join(needed)} and mass or density, got no {', '.join(missing)}"
         )
     if construct is load_object:
         values["packages"] = {**(packages or {}), **values.pop("package", {})}

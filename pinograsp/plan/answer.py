@@ -14,7 +14,7 @@ from pinograsp.errors import Status
 from pinograsp.plan.parts import WEAK, PlanFriction, PlanMargins, PlanReserve
 from pinograsp.plan.record import PlanRecord
 from pinograsp.plan.simulation import Simulation
-from pinograsp.words import fixed, number, printable
+from pinograsp.words import format_fixed, format_number, printable
 
 Level = Literal["yes", "caution", "no"]
 
@@ -91,7 +91,9 @@ def _without_success(plan: PlanRecord, status: Status, tried: str) -> str:
     if status is Status.DOUBTFUL:
         return f": {_LOAD}, but {plan.remedy}.{tried}"
     if status is Status.UNBALANCED:
-        left = f"{number(plan.forces.residual_force, 3)} N and {number(plan.forces.residual_moment, 3)} N m"
+        left = (
+            f"{format_number(plan.forces.residual_force, 3)} N and {format_number(plan.forces.residual_moment, 3)} N m"
+        )
         return f": {_LOAD} but for {left}.{tried}"
     return f" ({status}): {plan.remedy}{tried}"
 
@@ -118,7 +120,7 @@ def where_the_hand_is(plan: PlanRecord) -> str:
         return ""
     shift, R = 1e3 * placed[:3, 3], placed[:3, :3]
     angles = (np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(np.clip(R[2, 0], -1.0, 1.0)), np.arctan2(R[1, 0], R[0, 0]))
-    at, turned = (", ".join(fixed(value, 1) for value in values) for values in (shift, np.degrees(angles)))
+    at, turned = (", ".join(format_fixed(value, 1) for value in values) for values in (shift, np.degrees(angles)))
     return f"root at {at} mm, roll, pitch, yaw {turned} deg in the object's frame (its file's)"
 
 
@@ -166,17 +168,17 @@ def work(plan: PlanRecord) -> str:
 def work_in_words(joules: float, exponent: float) -> str:
     """An energy by Eq. (9) [J], and what of it is work that contacts of that exponent do; 0: of a law without one."""
     if exponent == 0:
-        return f"{number(1e3 * joules)} mJ, the contacts' work"
-    contacts = number(1e3 * joules / (1 + exponent))
-    return f"{number(1e3 * joules)} mJ by Eq. (9), rho + 1 = {1 + exponent:g} times the contacts' {contacts} mJ"
+        return f"{format_number(1e3 * joules)} mJ, the contacts' work"
+    contacts = format_number(1e3 * joules / (1 + exponent))
+    return f"{format_number(1e3 * joules)} mJ by Eq. (9), rho + 1 = {1 + exponent:g} times the contacts' {contacts} mJ"
 
 
 def disturbance_held(margins: PlanMargins, safety: float) -> str:
-    """What the grasp bears besides its load, with its normal forces; and why if some direction has nothing."""
+    """What the grasp withstands besides its load, with its normal forces; and why if some direction has nothing."""
     moment = ""
     if margins.disturbance_moment is not None:
-        moment = f", {number(margins.disturbance_moment, 3)} N m about any axis"
-    text = f"{number(margins.disturbance_force, 3)} N in any direction{moment}"
+        moment = f", {format_number(margins.disturbance_moment, 3)} N m about any axis"
+    text = f"{format_number(margins.disturbance_force, 3)} N in any direction{moment}"
     if margins.disturbance > 0:
         return text
     if not margins.force_closure:
@@ -184,27 +186,27 @@ def disturbance_held(margins: PlanMargins, safety: float) -> str:
     return text if safety > 1 else f"{text} (friction is at its limit: ask for a friction safety factor above 1)"
 
 
-def bears(plan: PlanRecord) -> str:
-    """What the squeeze as planned bears besides the load: a push, a shake, more mass; with all of the friction."""
+def describe_robustness(plan: PlanRecord) -> str:
+    """What the squeeze as planned withstands besides the load: a push, a shake, more mass; with all of the friction."""
     margins = plan.require_margins()
-    text = f"a push of {number(margins.disturbance_force, 3)} N in any direction"
+    text = f"a push of {format_number(margins.disturbance_force, 3)} N in any direction"
     if plan.body_mass == 0:
         return f"{text}; {describe_load_factor(margins)}"
     shake = margins.disturbance_force / plan.body_mass
     held = margins.load_factor
-    mass = "any mass" if not np.isfinite(held) else f"{number(held, 3)} times its mass"
-    return f"{text}, or a shake of {number(shake, 3)} m/s2 ({number(shake / _GRAVITY, 2)} g), or {mass}"
+    mass = "any mass" if not np.isfinite(held) else f"{format_number(held, 3)} times its mass"
+    return f"{text}, or a shake of {format_number(shake, 3)} m/s2 ({format_number(shake / _GRAVITY, 2)} g), or {mass}"
 
 
 def planned_reserve(reserve: PlanReserve | None) -> str:
-    """What the forces were planned to bear besides the load."""
+    """What the forces were planned to withstand besides the load."""
     if reserve is None:
         return "none: planned for the load alone"
     parts = [
         (reserve.disturbance, f"{_percent(reserve.disturbance)} of the weight in any direction ({_pushes(reserve)})"),
         (reserve.mass, f"mass +-{_percent(reserve.mass)}"),
         (reserve.friction, f"{_percent(reserve.friction)} of the friction"),
-        (reserve.normal_force, f"at least {number(reserve.normal_force, 3)} N at each contact"),
+        (reserve.normal_force, f"at least {format_number(reserve.normal_force, 3)} N at each contact"),
         (reserve.torque, f"{_percent(reserve.torque)} of each torque limit"),
         (reserve.softer > 1, f"contacts {reserve.softer:g} times as soft"),
         (reserve.stiffer > 1, f"contacts {reserve.stiffer:g} times as stiff"),
@@ -213,8 +215,8 @@ def planned_reserve(reserve: PlanReserve | None) -> str:
 
 
 def _pushes(reserve: PlanReserve) -> str:
-    moment = f", or {number(reserve.moment, 3)} N m about any axis" if reserve.moment else ""
-    return f"{number(reserve.force, 3)} N{moment}"
+    moment = f", or {format_number(reserve.moment, 3)} N m about any axis" if reserve.moment else ""
+    return f"{format_number(reserve.force, 3)} N{moment}"
 
 
 def _percent(share: float) -> str:
@@ -239,12 +241,12 @@ def list_forces(plan: PlanRecord) -> list[tuple[str, str]]:
 
 
 def list_margins(plan: PlanRecord) -> list[tuple[str, str]]:
-    """What the grasp bears besides its load with these normal forces, likewise."""
+    """What the grasp withstands besides its load with these normal forces, likewise."""
     margins = plan.require_margins()
     closure = "force closure" if margins.force_closure else "no force closure"
     quality = (
-        f"{closure}, Ferrari-Canny epsilon {number(margins.ferrari_canny, 3)}, "
-        f"smallest singular value {number(margins.min_singular_value, 3)}"
+        f"{closure}, Ferrari-Canny epsilon {format_number(margins.ferrari_canny, 3)}, "
+        f"smallest singular value {format_number(margins.min_singular_value, 3)}"
     )
     return [
         *((what, shares(values)) for what, values in friction_used(plan)),

@@ -131,7 +131,7 @@ class ContactLaw:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanReserve:
-    """What the squeeze bears besides the weight: it was planned for all of it at once.
+    """What the squeeze withstands besides the weight: it was planned for all of it at once.
 
     Attributes:
         disturbance: force in any direction, as share of the weight [-].
@@ -319,7 +319,7 @@ WEAK = 0.02  # share of the weight: next to nothing
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanMargins:
-    """What the grasp bears beyond its load with these normal forces, and its quality.
+    """What the grasp withstands beyond its load with these normal forces, and its quality.
 
     Friction alone reacts; in a plan with a reserve the contacts give way as equal springs, too.
 
@@ -358,7 +358,7 @@ class PlanMargins:
     __repr__ = brief("friction_used", "load_factor", "disturbance_force", "force_closure", "ferrari_canny")
 
     def spares_nothing(self, weight: float) -> bool:
-        """Whether the weakest direction bears next to nothing of a weight [N] besides the load."""
+        """Whether the weakest direction withstands next to nothing of a weight [N] besides the load."""
         return self.disturbance < WEAK * number("weight", weight, at_least=0, unit="N")
 
     def summary(self, names: tuple[str, ...]) -> Plain:

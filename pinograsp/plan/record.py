@@ -30,7 +30,7 @@ from pinograsp.plan.parts import (
 from pinograsp.plan.plain_fields import Plain, by_contact, plain_fields
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, inverse_of
-from pinograsp.words import by_name, lines_of, number
+from pinograsp.words import by_name, format_number, lines_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,8 +52,8 @@ class PlanRecord:
         torque_limit: largest |torque| (n,) [N m or N]; infinity: none.
         forces: contact forces at t_F, and how they build up.
         motion: trajectory and torques.
-        reserve: what the forces were planned to bear besides; None: the load alone.
-        margins: what the grasp bears besides its load; None: not computed.
+        reserve: what the forces were planned to withstand besides; None: the load alone.
+        margins: what the grasp withstands besides its load; None: not computed.
         reach: the same by direction; None: not computed.
         cautions: what the plan's promise does not cover, in words: look here before a simulation or a robot does.
         notes: what else there is to know.
@@ -99,7 +99,11 @@ class PlanRecord:
         """Status, normal forces, timing, peak efforts, robustness, cautions and notes, as readable text."""
         names, forces = self.contacts.names, self.forces
         said = f"{self.name}: {self.status}"
-        held = "" if self.margins is None else f"bears {self.margins.disturbance_force:.3g} N in any direction besides"
+        held = (
+            ""
+            if self.margins is None
+            else f"withstands {self.margins.disturbance_force:.3g} N in any direction besides"
+        )
         return lines_of(
             f"{said}: {self.remedy}" if self.remedy else said,
             f"normal forces: {by_name(names, forces.normal_forces.tolist(), 'N')}",
@@ -114,10 +118,10 @@ class PlanRecord:
         """The largest torque over the motion, and the largest force of joints that slide, in words with their units."""
         largest = np.abs(self.motion.torques).max(axis=0)
         if self.hand is None:  # which joints slide is not known
-            return f"{number(float(largest.max()), 3)} N m (N where it slides)"
+            return f"{format_number(float(largest.max()), 3)} N m (N where it slides)"
         slides = self.hand.slides
         kinds = ((largest[~slides], "N m"), (largest[slides], "N"))
-        return " and ".join(f"{number(float(values.max()), 3)} {unit}" for values, unit in kinds if values.size)
+        return " and ".join(f"{format_number(float(values.max()), 3)} {unit}" for values, unit in kinds if values.size)
 
     @property
     def name(self) -> str:

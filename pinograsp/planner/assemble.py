@@ -131,7 +131,7 @@ def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion, push: fl
 
 
 def record_reserve(reserve: Reserve, squeeze: RobustForces, tried: int, unrestricted: float) -> PlanReserve:
-    """The record of the reserve that a squeeze bears; ``tried``: impact times in all rounds.
+    """The record of the reserve that a squeeze withstands; ``tried``: impact times in all rounds.
 
     ``unrestricted``: lower bound of the objective of a hand that could make any forces.
     """

@@ -50,8 +50,8 @@ def plan_best(
         conditions: friction, limits, what is to be balanced, and the reserve.
         options: how to search, as for :func:`~pinograsp.planner.plan_grasp_on`.
         progress: bar on stderr: None (on a terminal), True or False.
-        check: simulate such plans, too, at rest and then shaken with half of what their reserve bears; some seconds
-            each, more for meshes that are not convex. What is lost comes
+        check: simulate such plans, too, at rest and then shaken with half of what their reserve withstands; some
+            seconds each, more for meshes that are not convex. What is lost comes
             last, with a caution; what was held has a note.
 
     Returns:
@@ -124,14 +124,14 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) ->
 
 def _check(plan: GraspPlan) -> tuple[GraspPlan, bool]:
     """The plan with what its simulation says, and whether it was held."""
-    bears = 0.0 if plan.reserve is None else plan.reserve.force / plan.body_mass
-    shake = _SHAKEN * bears * np.ones(3) / np.sqrt(3.0)
+    acceleration = 0.0 if plan.reserve is None else plan.reserve.force / plan.body_mass
+    shake = _SHAKEN * acceleration * np.ones(3) / np.sqrt(3.0)
     try:
         verdict = simulate(plan, disturbance=Disturbance(shake=shake)).verdict
         held, reason = verdict.held, verdict.reason
     except SimulationDiverged as error:
         held, reason = False, str(error)
-    told = f"{SIMULATED}shaken with {_SHAKEN * bears:.2g} m/s^2): {'held' if held else 'lost'}, {reason}"
+    told = f"{SIMULATED}shaken with {_SHAKEN * acceleration:.2g} m/s^2): {'held' if held else 'lost'}, {reason}"
     if held:
         return replace(plan, notes=(*plan.notes, told)), True
     return replace(plan, cautions=(told, *plan.cautions)), False

@@ -73,7 +73,7 @@ class GraspPlan(PlanRecord):
         return "friction" if self.reserve is None else "elastic"
 
     def with_margins(self) -> GraspPlan:
-        """The same plan with what the grasp bears besides its load, and cautions of that; a tenth of a second."""
+        """The same plan with what the grasp withstands besides its load, and cautions of that; a tenth of a second."""
         if self.margins is not None:
             return self
         band = describe_band(self.hand, self.solution, self.motion.q[-1])

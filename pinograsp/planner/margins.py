@@ -1,4 +1,4 @@
-"""What a plan's forces bear besides their load, for its record."""
+"""What a plan's forces withstand besides their load, for its record."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def margin_cautions(margins: PlanMargins, weight: float) -> tuple[str, ...]:
     if not margins.force_closure:
         return ("no force closure: in some direction nothing is held, whatever the friction and the squeeze",)
     if margins.spares_nothing(weight):
-        return (f"its weakest direction bears less than {100 * WEAK:g} % of the weight besides the load",)
+        return (f"its weakest direction withstands less than {100 * WEAK:g} % of the weight besides the load",)
     return ()
 
 

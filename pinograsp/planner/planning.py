@@ -73,7 +73,7 @@ def plan_grasp_on(
 ) -> GraspPlan:
     """Plan a grasp on an object: close the hand on it, then :func:`plan_grasp` with the contacts found.
 
-    With a reserve (``conditions.reserve``) the forces are the squeeze that bears it, over the impact times
+    With a reserve (``conditions.reserve``) the forces are the squeeze that withstands it, over the impact times
     (:func:`~pinograsp.forces.search_reserve`), and ``plan.solution`` is its reaction to the weight alone.
 
     Args:

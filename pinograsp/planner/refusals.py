@@ -108,7 +108,7 @@ def _options(hand: HandModel, setup: Setup, searched: Setup, plan: Callable[[Set
         candidates = find_relaxations(setup, lambda other: try_plan(plan, other) is not None, sharp=_COARSE)
     for relaxations, _ in zip(candidates, range(_TRIED)):
         for times in _WIDER:
-            wider = tuple(one.wider(times).rounded(searched) for one in relaxations)
+            wider = tuple(one.wider(times).round_figure(searched) for one in relaxations)
             status = try_plan(plan, relax(setup, wider))
             if status is not None:
                 found.append(Option(relaxations=wider, status=status))

@@ -88,7 +88,7 @@ class ForcesAndMotion:
         forces: contact forces at t_F.
         motion: that brings them about.
         elapsed: ``{"forces": ..., "motion": ...}`` [s].
-        reserve: what the forces bear besides the load; None: they were searched for the load alone.
+        reserve: what the forces withstand besides the load; None: they were searched for the load alone.
     """
 
     forces: ForceSolution

@@ -8,7 +8,7 @@ from pinograsp.checks import instance_of
 from pinograsp.plan import Simulation
 from pinograsp.plan.answer import work_in_words
 from pinograsp.report.document import Picture, Report, Section, list_section
-from pinograsp.words import number
+from pinograsp.words import format_number
 
 
 def report_check(simulation: Simulation, figures: Sequence[str] = (), studies: Sequence[str] = ()) -> Report:
@@ -26,7 +26,7 @@ def report_check(simulation: Simulation, figures: Sequence[str] = (), studies: S
         Section(
             title="Forces at the end",
             columns=("part of the hand", "planned F_n [N]", "simulated F_n [N]"),
-            rows=[(name, number(planned), number(simulated)) for name, planned, simulated in rows],
+            rows=[(name, format_number(planned), format_number(simulated)) for name, planned, simulated in rows],
         ),
     ]
     if studies:

@@ -10,7 +10,7 @@ from pinograsp.checks import instance_of, items_of
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.report.document import Finding, Picture, Report, Section, list_section
 from pinograsp.report.results import answer_questions, list_comparison, list_results
-from pinograsp.words import fixed, number
+from pinograsp.words import format_fixed, format_number
 
 _LOST = 1e-3  # share of the energy that couplings cost: worth a sentence
 _ROUNDING = 1e-9  # of the largest torque: smaller ones are rounding
@@ -22,7 +22,7 @@ _CAPTIONS = {
     "joint_rates": "Joint rates",
     "grasp_energy": "Grasp energy over time, rho + 1 times the contacts' work",
     "friction_use": "Friction used: each contact's share of Coulomb's cone, mu F_n",
-    "wrench_margin": "Forces that the grasp bears besides its load",
+    "wrench_margin": "Forces that the grasp withstands besides its load",
     "search_over_time": "The search over the impact time: lower bounds, the best found, and the gap",
 }
 
@@ -80,7 +80,7 @@ def report_failure(failure: PlanFailure) -> Report:
 def _contacts(plan: PlanRecord) -> Section:
     forces = plan.forces
     rows = [
-        (name, *(fixed(f, 4) for f in force), fixed(deceleration, 4), f"{missed:.1e}")
+        (name, *(format_fixed(f, 4) for f in force), format_fixed(deceleration, 4), f"{missed:.1e}")
         for name, force, deceleration, missed in zip(
             plan.contacts.names, forces.forces_c, forces.acceleration, plan.motion.tracking_error
         )
@@ -102,7 +102,7 @@ def _torques(plan: PlanRecord) -> Section:
         (
             finger,
             plan.layout.joints[j],
-            *(number(value if value > _ROUNDING * largest else 0.0) for value in both),
+            *(format_number(value if value > _ROUNDING * largest else 0.0) for value in both),
             "N" if slides[j] else "N m",
         )
         for finger, phases in maxima.items()

@@ -9,8 +9,8 @@ from pinograsp.checks import instance_of
 from pinograsp.pages import LONGEST
 from pinograsp.plan import ComparisonRow, PlanRecord, Simulation
 from pinograsp.plan.answer import (
-    bears,
     describe_load_factor,
+    describe_robustness,
     does_it_hold,
     friction_model,
     friction_used,
@@ -21,7 +21,7 @@ from pinograsp.plan.answer import (
     work,
 )
 from pinograsp.report.document import Finding
-from pinograsp.words import number, printable
+from pinograsp.words import format_number, printable
 
 
 def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> list[Finding]:
@@ -42,7 +42,10 @@ def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> 
     outcome = does_it_hold(plan, simulation)
     answers = [
         Finding("Does it hold?", outcome.text, outcome.level),
-        Finding("What does it bear?", _sentence(f"{bears(plan)}; reserve planned: {planned_reserve(plan.reserve)}")),
+        Finding(
+            "What does it withstand?",
+            _sentence(f"{describe_robustness(plan)}; reserve planned: {planned_reserve(plan.reserve)}"),
+        ),
         Finding(
             "How hard?", f"{total:.2f} N of normal force in all: {each}; at most {plan.peak_efforts()} at a joint."
         ),
@@ -87,7 +90,7 @@ def summarize(plan: PlanRecord, simulation: Simulation | None = None) -> list[tu
     instance_of("plan", plan, PlanRecord)
     lines = [
         ("does it hold?", does_it_hold(plan, simulation).text),
-        ("it bears", bears(plan)),
+        ("it withstands", describe_robustness(plan)),
         ("reserve planned", planned_reserve(plan.reserve)),
         ("normal forces", f"{', '.join(f'{name} {value:.3f}' for name, value in _normal_forces(plan).items())} N"),
         ("status", str(plan.status)),
@@ -129,8 +132,8 @@ def _proof(plan: PlanRecord) -> list[tuple[str, str]]:
     if certificate is None:
         return []
     where = "at this t_I " if plan.reserve is not None else ""
-    gap = f"{where}no forces cost less than {number(certificate.lower_bound, 7)} "
-    gap += f"(ours {number(certificate.objective, 7)}), gap {certificate.relative_gap:.1e}"
+    gap = f"{where}no forces cost less than {format_number(certificate.lower_bound, 7)} "
+    gap += f"(ours {format_number(certificate.objective, 7)}), gap {certificate.relative_gap:.1e}"
     return [("proven", gap), ("active limits", "; ".join(certificate.active) or "none")]
 
 
@@ -139,7 +142,7 @@ def _on_other_contacts(plan: PlanRecord) -> list[tuple[str, str]]:
     if band is None:
         return []
     ranges = zip(plan.contacts.names, band.lowest, band.highest)
-    forces = ", ".join(f"{name} {number(low, 2)} to {number(high, 2)}" for name, low, high in ranges)
+    forces = ", ".join(f"{name} {format_number(low, 2)} to {format_number(high, 2)}" for name, low, high in ranges)
     lost = [f"not held at {factor:g} times: {why}" for factor, why in zip(band.factors, band.remarks) if why]
     text = f"{forces} N, contacts {band.factors.min():g} to {band.factors.max():g} times as stiff, {band.servos}"
     return [("on other contacts", "; ".join([text, *(lost[:1] or ["held"])]))]
@@ -148,6 +151,13 @@ def _on_other_contacts(plan: PlanRecord) -> list[tuple[str, str]]:
 def list_comparison(comparison: Sequence[ComparisonRow]) -> list[tuple[str, ...]]:
     """Rows of the comparison with a publication, as text: quantity, unit, paper, ours, difference, note."""
     return [
-        (row.quantity, row.unit, number(row.published), number(row.ours), number(row.difference, 3), row.note)
+        (
+            row.quantity,
+            row.unit,
+            format_number(row.published),
+            format_number(row.ours),
+            format_number(row.difference, 3),
+            row.note,
+        )
         for row in comparison
     ]

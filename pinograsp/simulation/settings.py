@@ -20,7 +20,7 @@ from pinograsp.checks import (
     items_of,
     number,
     one_of,
-    shown,
+    shorten,
 )
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel, servo_gains
@@ -68,11 +68,11 @@ class Servo:
             values = array_of(f"servo {name}", getattr(self, name), (n,))
             if np.any(values < 0) or (name == "stiffness" and control != "torque" and np.any(values == 0)):
                 hint = "; torque alone is control='torque'" if name == "stiffness" else ""
-                raise InvalidInput(f"servo {name}: expected values > 0, got {shown(values.tolist())}{hint}")
+                raise InvalidInput(f"servo {name}: expected values > 0, got {shorten(values.tolist())}{hint}")
             object.__setattr__(self, name, values)
         if control == "torque" and np.any(self.stiffness):
             raise InvalidInput(
-                f"servo stiffness: expected 0 with control='torque', got {shown(self.stiffness.tolist())}: leave it "
+                f"servo stiffness: expected 0 with control='torque', got {shorten(self.stiffness.tolist())}: leave it "
                 "out, or take control='impedance'"
             )
 
@@ -107,8 +107,8 @@ class Servo:
         chosen = servo_gains(hand)
         if stiffness is not None and torque:
             raise InvalidInput(
-                f"servo stiffness: expected none with control='torque', got {shown(stiffness)}: leave it out, or take "
-                "control='impedance'"
+                f"servo stiffness: expected none with control='torque', got {shorten(stiffness)}: leave it out, or "
+                "take control='impedance'"
             )
         if stiffness is not None:
             chosen = _each("servo stiffness", stiffness, hand.n)
@@ -145,7 +145,7 @@ class Servo:
 def _each(name: str, value: object, n: int) -> Array:
     values = each_of(name, value, n)
     if np.any(values <= 0):
-        raise InvalidInput(f"{name}: expected values > 0, got {shown(values.tolist())}")
+        raise InvalidInput(f"{name}: expected values > 0, got {shorten(values.tolist())}")
     return values
 
 
@@ -200,7 +200,7 @@ class BaseMotion:
         if times.size < 2 or times[0] < 0 or np.any(np.diff(times) <= 0):
             raise InvalidInput(
                 "times of the base's motion: expected two or more that grow, from t_F on (0), got "
-                f"{shown(times.tolist())}"
+                f"{shorten(times.tolist())}"
             )
         name = "accelerations of the base's motion [m/s^2]"
         object.__setattr__(self, "times", times)

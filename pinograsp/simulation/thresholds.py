@@ -130,7 +130,7 @@ def slip_threshold(
     start = float(np.max(task.mu))
     if start <= 0:
         raise InvalidInput("slip_threshold: expected a plan with friction, its mu is 0")
-    search = _Search(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=disturbance)
+    search = _ThresholdSearch(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=disturbance)
     doublings = [start * 2.0**i for i in range(1, _DOUBLINGS + 1)]
     return SlipThreshold(**search.run(task, options, start, [0.0], doublings, "mu"))
 
@@ -152,11 +152,11 @@ def load_threshold(
     """
     task, options = prepare_trials(plan, settings)
     halvings, doublings = ([2.0 ** (sign * i) for i in range(1, _DOUBLINGS + 1)] for sign in (-1, 1))
-    search = _Search(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=disturbance)
+    search = _ThresholdSearch(tolerance=tolerance, planned=planned, jobs=jobs, disturbance=disturbance)
     return LoadThreshold(**search.run(task, options, 1.0, doublings, halvings, "mass_factor"))
 
 
-class _Search:
+class _ThresholdSearch:
     """The arguments that both searches share, checked."""
 
     def __init__(self, *, tolerance: float, planned: float | None, jobs: int, disturbance: Disturbance | None):

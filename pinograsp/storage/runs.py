@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pinograsp.checks import one_line, path_of, shown
+from pinograsp.checks import one_line, path_of, shorten
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.storage.consistency import check_plan, check_settings
@@ -38,7 +38,7 @@ def write_run(
             writing it, or the place cannot be written.
     """
     if extras is not None and not callable(extras):
-        raise InvalidInput(f"extras: expected a function of a path, got {shown(extras)}")
+        raise InvalidInput(f"extras: expected a function of a path, got {shorten(extras)}")
     if isinstance(run, PlanRecord) and (run.margins is None or run.reach is None):
         raise InvalidInput("run: expected a plan with its margins, got one without: plan.with_margins().with_reach()")
     schema = FAILURE if isinstance(run, PlanFailure) else SCHEMA
@@ -127,7 +127,7 @@ def newest_check(folder: str | Path) -> Path | None:
         checks = [path.parent for path in found if path.is_file()]
     except (OSError, ValueError) as error:  # ValueError: a name that no file system takes
         raise InvalidInput(
-            f"folder: expected that of a run, got {shown(str(folder))}: {type(error).__name__}"
+            f"folder: expected that of a run, got {shorten(str(folder))}: {type(error).__name__}"
         ) from error
     return max(checks, key=lambda path: (path / CHECK_FIGURES).stat().st_mtime_ns, default=None)
 
@@ -139,7 +139,8 @@ def read_check(folder: str | Path) -> Simulation:
         return _of_one(folder, read_simulation)
     except Exception as error:  # the readers raise whatever comes of a broken file
         raise InvalidInput(
-            f"simulation: expected a folder that 'pinograsp check' wrote, got {shown(str(folder))} ({one_line(error)})"
+            f"simulation: expected a folder that 'pinograsp check' wrote, got {shorten(str(folder))} "
+            f"({one_line(error)})"
         ) from error
 
 

@@ -24,7 +24,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pinograsp.checks import frozen, one_of, shown
+from pinograsp.checks import frozen, one_of, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.model import HandModel
 from pinograsp.hands.record import hand_of, hand_record
@@ -145,7 +145,7 @@ class _Writer:
                 self.value(one, inner[0 if inner[1] is ... else min(i, len(inner) - 1)], f"{path}.{i}")
                 for i, one in enumerate(value)
             ]
-        raise InvalidInput(f"{path}: expected what can be written down, got {shown(value)}")
+        raise InvalidInput(f"{path}: expected what can be written down, got {shorten(value)}")
 
     @staticmethod
     def _number_on(shelf: list[Any], value: Any) -> int:
@@ -277,7 +277,7 @@ class _Reader:
 
 
 def _refusal(path: str, wanted: str, got: object) -> InvalidInput:
-    return InvalidInput(f"{path[:200]}: expected {wanted}, got {shown(got)}")
+    return InvalidInput(f"{path[:200]}: expected {wanted}, got {shorten(got)}")
 
 
 def _in_words(hint: Any) -> str:

@@ -17,7 +17,7 @@ from pinograsp.errors import ExtraMissing, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.objects.lookup import object_in
-from pinograsp.sweep.certified_table import Block, Source, certified_table, refused_table
+from pinograsp.sweep.certified_table import Block, RowSource, certified_table, refused_table
 from pinograsp.words import printable
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def object_named(rows: GraspRows) -> str:
     return rows.object_name or Path(rows.source).stem
 
 
-def certified_block(payload: bytes, source: Source, block: Block | None, message: str) -> pa.Table:
+def certified_block(payload: bytes, source: RowSource, block: Block | None, message: str) -> pa.Table:
     """The rows of a block, or of the fault that a message tells.
 
     Raises:
@@ -102,7 +102,7 @@ def _certifier(payload: bytes, name: str, content: str, scale: float, pose: byte
     """What certifies grasps of an object; ``content``: of its files, which are read again where it is another."""
     given = _load(payload)
     body = object_in(given.objects, name, scale=scale, mass=given.mass, density=given.density)
-    body = body.placed(np.frombuffer(pose).reshape(4, 4) @ body.pose)
+    body = body.place(np.frombuffer(pose).reshape(4, 4) @ body.pose)
     return Certifier(given.hand, body, given.conditions, tolerance=given.tolerance, drives=given.drives, threads=1)
 
 

@@ -77,7 +77,7 @@ class Block(NamedTuple):
     labels: dict[str, Array]
 
 
-class Source(NamedTuple):
+class RowSource(NamedTuple):
     """Where rows come from.
 
     Attributes:
@@ -98,7 +98,7 @@ class Source(NamedTuple):
         return f"{self.content} {self.object_content}".strip()
 
 
-def refused_table(source: Source, message: str) -> pa.Table:
+def refused_table(source: RowSource, message: str) -> pa.Table:
     """One row, number -1: the file could not be used from there on."""
     import pyarrow as pa
 
@@ -114,7 +114,7 @@ def refused_table(source: Source, message: str) -> pa.Table:
     return pa.Table.from_pylist([row], schema=schema_of())
 
 
-def certified_table(source: Source, block: Block, found: Certificates) -> pa.Table:
+def certified_table(source: RowSource, block: Block, found: Certificates) -> pa.Table:
     """The rows of a block of certificates, in the frame of the object as its file has it."""
     import pyarrow as pa
 

@@ -19,7 +19,7 @@ from pinograsp.hands import HandModel
 from pinograsp.hands.file_reads import ABSENT, digest_of, noting_files
 from pinograsp.objects import load_object
 from pinograsp.objects.lookup import MESHES, find_object
-from pinograsp.sweep.certified_table import Source
+from pinograsp.sweep.certified_table import RowSource
 
 # Where a hand comes from, what it is called, and how it looks: no certificate depends on it.
 _BESIDE_THE_POINT = ("name", "source", "notes", "description", "visuals")
@@ -36,13 +36,13 @@ class Inputs:
         self._objects = objects
         self._known: dict[str, str] = {}
 
-    def source(self, file: Path, object_name: str | None) -> Source:
+    def source(self, file: Path, object_name: str | None) -> RowSource:
         """A file of grasps and its object as they are now."""
         if object_name is not None and object_name not in self._known:
             contents = "\n".join(self._contents(object_name))
             self._known[object_name] = hashlib.sha256(contents.encode()).hexdigest()
         of_object = "" if object_name is None else self._known[object_name]
-        return Source(str(file), object_name, _digest(file), of_object)
+        return RowSource(str(file), object_name, _digest(file), of_object)
 
     def _contents(self, name: str) -> list[str]:
         try:

@@ -32,7 +32,7 @@ from pinograsp.spatial import Array
 from pinograsp.words import lines_of
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
-SOUND = 2  # rank of a grasp that bears the reserve on contacts that are sure
+SOUND = 2  # rank of a grasp that withstands the reserve on contacts that are sure
 # What a squeeze of the first rank may sum up to, and one that is not refined further: times the weight, or newtons per
 # contact.
 _CRUSHING, _GENTLE, _CRUMB = 15.0, 8.0, 0.15
@@ -48,9 +48,9 @@ class FoundGrasp:
         forces: certified least-cost forces, at the impact time of the search.
         quality: what the contacts withstand in their weakest direction per newton of squeeze [-], moments over the
             reserve's arm, with the friction that the reserve relies on; 0 without force closure.
-        squeeze: sum of the normal forces [N] of a squeeze that the hand can make, and that bears the reserve within the
-            torque limits; infinity: there is none. Without a reserve that of ``forces``.
-        reserved: whether there is a reserve to bear.
+        squeeze: sum of the normal forces [N] of a squeeze that the hand can make, and that withstands the reserve
+            within the torque limits; infinity: there is none. Without a reserve that of ``forces``.
+        reserved: whether there is a reserve to withstand.
         doubtful: share of that squeeze [-] that acts on edges of the object, where a small error turns it, or where a
             link is hollow behind its convex hull.
         energy: objective of the forces.
@@ -71,22 +71,24 @@ class FoundGrasp:
     _repr_html_ = in_notebook
 
     def __str__(self) -> str:
-        borne = f"a squeeze of {self.squeeze:.3g} N" if self.bears else "no squeeze that bears the reserve"
-        on_edges = f", {100 * self.doubtful:.0f} % of it on doubtful contacts" if self.doubtful and self.bears else ""
+        borne = f"a squeeze of {self.squeeze:.3g} N" if self.withstands else "no squeeze that withstands the reserve"
+        on_edges = (
+            f", {100 * self.doubtful:.0f} % of it on doubtful contacts" if self.doubtful and self.withstands else ""
+        )
         return lines_of(
             f"{borne}{on_edges}; quality {self.quality:.3g}, holds up to {self.load_factor:.3g} times the load",
             *str(self.closure).split("\n"),
         )
 
     @property
-    def bears(self) -> bool:
-        """Whether a squeeze bears the reserve."""
+    def withstands(self) -> bool:
+        """Whether a squeeze withstands the reserve."""
         return self.squeeze < np.inf
 
     @property
     def sound(self) -> int:
-        """2: bears the reserve; 1: with doubtful contacts or a squeeze that crushes; 0: does not bear it."""
-        return int(self.bears) * (SOUND if self._within(_CRUSHING) and self.doubtful <= DOUBTFUL else 1)
+        """2: withstands the reserve; 1: with doubtful contacts or a squeeze that crushes; 0: does not withstand it."""
+        return int(self.withstands) * (SOUND if self._within(_CRUSHING) and self.doubtful <= DOUBTFUL else 1)
 
     @property
     def gentle(self) -> bool:
@@ -100,7 +102,7 @@ class FoundGrasp:
 
     @property
     def worth(self) -> tuple[int, float, float, float]:
-        """Of two grasps the one of which this is larger ranks first: by the least squeeze that bears the reserve;
+        """Of two grasps the one of which this is larger ranks first: by the least squeeze that withstands the reserve;
         without one, since the cheapest balance is a cradle, by what they withstand in the weakest direction per newton.
         """
         return self.sound, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
@@ -180,8 +182,8 @@ def _move_hand(closure: Closure) -> Closure:
     )
     return replace(
         closure,
-        hand=closure.hand.placed((back * pin.SE3(np.array(closure.hand.pose))).homogeneous),
-        object=closure.object.placed((back * pin.SE3(np.array(closure.object.pose))).homogeneous),
+        hand=closure.hand.place((back * pin.SE3(np.array(closure.hand.pose))).homogeneous),
+        object=closure.object.place((back * pin.SE3(np.array(closure.object.pose))).homogeneous),
         touches=touches,
         pushed=np.eye(4),
     )

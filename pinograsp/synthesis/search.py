@@ -42,7 +42,7 @@ from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.synthesis.found import SOUND, FoundGrasp
 from pinograsp.synthesis.near import what_would_do, wider_conditions
-from pinograsp.synthesis.samples import Batch, SearchCase, make_batch, make_case
+from pinograsp.synthesis.samples import Batch, SearchCase, make_batch, make_search_case
 from pinograsp.synthesis.seeds import Region
 from pinograsp.writing import write_errors
 
@@ -99,7 +99,7 @@ class GraspSearch:
         counts = "; ".join(f"{_SAID.get(what, what)}: {count}" for what, count in self.outcomes.items())
         samples = _count(self.tried, "sample")
         if self.grasps:
-            good = sum(grasp.bears for grasp in self.grasps)
+            good = sum(grasp.withstands for grasp in self.grasps)
             which = "" if good == len(self.grasps) else f" ({good} with a squeeze that withstands the reserve)"
             grasps = _count(len(self.grasps), "grasp")
             text = f"{grasps}{which} from {samples}, the best of every {_BATCH} moved about. As drawn: {counts}"
@@ -143,8 +143,8 @@ def find_grasps(
         hand: the hand, wherever it is.
         body: what is to be held, where it is.
         conditions: friction, limits and what is to be balanced.
-        count: samples; up to four times as many, as long as no grasp bears the reserve on contacts that are sure, and
-            the object is not too large.
+        count: samples; up to four times as many, as long as no grasp withstands the reserve on contacts that are sure,
+            and the object is not too large.
         seed: of the random numbers; the result does not depend on ``jobs``.
         impact_time: t_I of the forces that grasps are tried with [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
@@ -155,10 +155,10 @@ def find_grasps(
         progress: bar on stderr: None (on a terminal), True or False.
 
     Returns:
-        First those that bear the reserve within the torque limits, by the least squeeze that does; those with doubtful
-        contacts, or a squeeze above 15 times the weight, after the others; then by what they withstand in the weakest
-        direction per newton; last those without force closure, by the multiple of the load that they hold. Stopped by
-        Ctrl-C: those found until then.
+        First those that withstand the reserve within the torque limits, by the least squeeze that does; those with
+        doubtful contacts, or a squeeze above 15 times the weight, after the others; then by what they withstand in the
+        weakest direction per newton; last those without force closure, by the multiple of the load that they hold.
+        Stopped by Ctrl-C: those found until then.
 
     Raises:
         InvalidInput: conditions or options that cannot be used.
@@ -174,7 +174,7 @@ def find_grasps(
     instance_of("progress", progress, bool, type(None))
     first, *rounds = np.random.SeedSequence(seed).spawn(1 + _ROUNDS)
     try:
-        case = make_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), region)
+        case = make_search_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), region)
     except Exception as error:
         raise _plain(error) from None
     widths = [one.width for one in case.preshapes]
@@ -189,7 +189,7 @@ def find_grasps(
                 run.batches(one, interrupt)
                 if any(grasp.sound == SOUND for grasp in run.found) or (not run.found and too_large):
                     break
-            near = () if any(grasp.bears for grasp in run.found) or too_large else run.near(rounds[0], interrupt)
+            near = () if any(grasp.withstands for grasp in run.found) or too_large else run.near(rounds[0], interrupt)
         except KeyboardInterrupt:
             run.interrupted, near = True, ()
         except BrokenProcessPool:
@@ -258,7 +258,7 @@ class _Run:
                 self.bar.update(len(batch.outcomes))
                 found += [] if batch.grasp is None else [batch.grasp]
                 interrupt()
-            if any(one.bears for one in found):
+            if any(one.withstands for one in found):
                 return tuple(_rank(found)[:_NEAR])
         return ()
 
@@ -286,7 +286,7 @@ def _remarks(hand: HandModel) -> tuple[str, ...]:
 
 def _with_bodies(hand: HandModel, body: Body, grasp: FoundGrasp) -> FoundGrasp:
     """A grasp as it came from another process, with its hand and object."""
-    closure = replace(grasp.closure, hand=hand.placed(grasp.pose), object=body)
+    closure = replace(grasp.closure, hand=hand.place(grasp.pose), object=body)
     forces = replace(grasp.forces, problem=replace(grasp.forces.problem, object=body))
     return replace(grasp, closure=closure, forces=forces)
 

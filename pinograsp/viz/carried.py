@@ -168,7 +168,7 @@ def normal_forces(plan: Carried) -> Figure:
     return figure
 
 
-def friction_use(plan: Carried) -> Figure:
+def carry_friction(plan: Carried) -> Figure:
     """Share of the friction relied on that each contact uses over time; 1: all of it."""
     figure = NotebookFigure(figsize=(_WIDTH, 4.4), layout="constrained")
     axes = figure.subplots()
@@ -227,7 +227,7 @@ def save_carry_figures(plan: Carried, folder: str | Path) -> list[Path]:
     figures = {
         "carry_speed.png": path_speed,
         "carry_forces.png": normal_forces,
-        "carry_friction.png": friction_use,
+        "carry_friction.png": carry_friction,
         "carry_torques.png": torque_shares,
         "carry_motion.png": arm_motion,
     }

@@ -221,7 +221,7 @@ def friction_use(plan: PlanRecord) -> Figure:
 
 
 def wrench_margin(plan: PlanRecord) -> Figure:
-    """The largest force that the grasp bears besides its load, by direction, in three planes."""
+    """The largest force that the grasp withstands besides its load, by direction, in three planes."""
     instance_of("plan", plan, PlanRecord)
     if plan.reach is None:
         raise InvalidInput("figure: expected a plan with its margins by direction, got one without: plan.with_reach()")

@@ -76,7 +76,7 @@ def write_film(
     figure = sheet.figure()
     bar = tqdm(total=len(frames), desc=path.name, unit="picture", disable=None if progress is None else not progress)
 
-    def drawn() -> Iterator[Figure]:
+    def draw_frames() -> Iterator[Figure]:
         last = -1
         with bar:
             for frame in frames.tolist():
@@ -88,8 +88,8 @@ def write_film(
                 yield figure
 
     if kind == ".gif":
-        return write_file(path, _gif([_image_of(one, sheet) for one in drawn()], rate))
-    return write_file(path, _mp4(figure, drawn(), rate, program))
+        return write_file(path, _gif([_image_of(one, sheet) for one in draw_frames()], rate))
+    return write_file(path, _mp4(figure, draw_frames(), rate, program))
 
 
 def _image_of(figure: Figure, sheet: Sheet) -> Image.Image:

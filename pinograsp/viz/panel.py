@@ -8,7 +8,7 @@ import numpy as np
 
 from pinograsp.pages import render
 from pinograsp.viz.scene import ViewScene
-from pinograsp.words import fixed
+from pinograsp.words import format_fixed
 
 _LEVELS = {"yes": ("#009E73", "#e3f4ee"), "caution": ("#E69F00", "#fdf3dd"), "no": ("#D55E00", "#fdeae1")}
 
@@ -39,7 +39,7 @@ def foot(scene: ViewScene) -> str:
 
 
 def _render(part: str, scene: ViewScene, **values: Any) -> str:
-    shown: dict[str, Any] = {"short": short, "fixed": fixed, "degrees": np.degrees, "known": np.isfinite}
+    shown: dict[str, Any] = {"short": short, "fixed": format_fixed, "degrees": np.degrees, "known": np.isfinite}
     return render("viz/panel.html", part=part, scene=scene, **shown, **values)
 
 

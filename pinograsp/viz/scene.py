@@ -15,7 +15,7 @@ from pinograsp.objects.body import Body
 from pinograsp.plan import Motion, PlanRecord, Simulation
 from pinograsp.plan.answer import (
     Answer,
-    bears,
+    describe_robustness,
     does_it_hold,
     friction_model,
     list_forces,
@@ -28,7 +28,7 @@ from pinograsp.viz.simulated import Simulated, sample_simulation
 from pinograsp.viz.solids import Links, Solid, make_solids, to_sevens
 from pinograsp.viz.stage import Held, Stage, choose_scale
 from pinograsp.viz.style import contact_colours
-from pinograsp.words import number
+from pinograsp.words import format_number
 
 # Number of instants in the approach, in the grasp phase, and after it: the grasp phase is short but needs a close look.
 _APPROACH, _GRASP, _HOLD = 150, 100, 150
@@ -174,7 +174,7 @@ class ViewScene:
         scale = self.force_scale if scale is None else scale
         return np.stack([self.com_o, self.com_o + scale * self.load_o[frame]])
 
-    def moved(self, points_o: Array, frame: int) -> Array:
+    def carry_points(self, points_o: Array, frame: int) -> Array:
         """Where planned points (..., 3) [m] are at an instant."""
         if self.carried is None:
             return points_o
@@ -187,7 +187,7 @@ class ViewScene:
         if self.carried is None or self.object_pose is None:
             return self.object_pose
         turn, own = (Rotation.from_quat(np.roll(pose[3:], -1)) for pose in (self.carried[frame], self.object_pose))
-        return np.concatenate([self.moved(self.object_pose[:3], frame), np.roll((turn * own).as_quat(), 1)])
+        return np.concatenate([self.carry_points(self.object_pose[:3], frame), np.roll((turn * own).as_quat(), 1)])
 
     def colour_of(self, part: str) -> str:
         """Colour of a part of the simulation: that of the contact with the same name, or of its own."""
@@ -344,10 +344,10 @@ def _list_facts(plan: PlanRecord) -> Iterator[tuple[str, str]]:
     if plan.forces.certificate is not None:
         yield "proven optimal", f"gap {plan.forces.certificate.relative_gap:.1e}"
     if plan.margins is not None:
-        yield "it bears", bears(plan)
+        yield "it withstands", describe_robustness(plan)
         yield from list_margins(plan)
         least = round(float(plan.margins.slip_distance.min()), 6) + 0.0  # -0 becomes 0
-        yield "least slip margin", f"{number(least, 3)} N"
+        yield "least slip margin", f"{format_number(least, 3)} N"
 
 
 def name_object(body: Body) -> str:

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pinograsp.errors import InvalidInput
-from pinograsp.hands.visuals import simplified
+from pinograsp.hands.visuals import simplify
 from pinograsp.spatial import Array, IntArray
 from pinograsp.viz.raster import Surface
 from pinograsp.viz.style import COLOURS
@@ -65,7 +65,7 @@ def triangulate(shape: Any, most: int = 1_000_000) -> Triangles:
         return split_creases(*_lathe([0.0, r, r, 0.0], [-h, -h, h, h]))
     if kind.startswith("BVHModel"):
         welded = _weld(np.array(shape.vertices()), _rows(shape.tri_indices, shape.num_tris))
-        return split_creases(*simplified(*welded, most))
+        return split_creases(*simplify(*welded, most))
     if kind.startswith("Convex"):
         vertices, faces = np.array(shape.points()), _rows(shape.polygons, shape.num_polygons)
         return split_creases(vertices, _outwards(vertices, faces))
@@ -113,7 +113,7 @@ def paint(colour: str) -> Array:
     return painted
 
 
-def make_forces(points: Array, arrows: Sequence[Array], colours: Sequence[str], width: float) -> list[Surface]:
+def make_arrows(points: Array, arrows: Sequence[Array], colours: Sequence[str], width: float) -> list[Surface]:
     """Balls at contact points (k, 3) [m], and arrows of the forces and the load (2, 3) [m], whose shafts have a radius
     ``width`` [m]; ``colours``: of the arrows.
     """

@@ -19,7 +19,7 @@ from pinograsp.spatial import Array, BoolArray
 from pinograsp.viz.outlines import draw_arrow, draw_ball
 from pinograsp.viz.raster import Camera, Layer, Surface, average_blocks, fit_camera, overlay, render_surfaces
 from pinograsp.viz.scene import ViewScene, make_scene
-from pinograsp.viz.scene_meshes import BALL, LOAD, make_forces
+from pinograsp.viz.scene_meshes import BALL, LOAD, make_arrows
 from pinograsp.viz.solids import make_surfaces, sample_cloud
 from pinograsp.viz.style import SUFFIXES, NotebookFigure, encode_figure, make_label
 from pinograsp.writing import write_file
@@ -190,7 +190,7 @@ def find_camera(scene: ViewScene, view: ArrayLike | None, frames: Sequence[int],
 
 def _arrows(scene: ViewScene, frame: int) -> Array:
     """Ends of the forces' arrows and, last, of the load's (k + 1, 2, 3) [m], where they are at an instant."""
-    return scene.moved(np.stack([*scene.arrows(frame), scene.load_arrow(frame)]), frame)
+    return scene.carry_points(np.stack([*scene.arrows(frame), scene.load_arrow(frame)]), frame)
 
 
 def _finer(sheet: Sheet) -> int:
@@ -200,7 +200,7 @@ def _finer(sheet: Sheet) -> int:
 def _outline(axes: Axes, scene: ViewScene, frame: int, camera: Camera, near: Array, sheet: Sheet) -> None:
     """Contact points and forces as vector graphics, the farthest first; pale where the hand hides them."""
     arrows = _arrows(scene, frame)
-    points, finer = scene.moved(scene.points_o, frame), _finer(sheet)
+    points, finer = scene.carry_points(scene.points_o, frame), _finer(sheet)
 
     def project(places: Array) -> Array:
         return camera.project(places) / [finer, finer, 1.0]
@@ -222,7 +222,7 @@ def _outline(axes: Axes, scene: ViewScene, frame: int, camera: Camera, near: Arr
 def _forces(scene: ViewScene, frame: int) -> list[Surface]:
     """Contact points, the forces there, and the load."""
     arrows, colours = list(_arrows(scene, frame)), [*scene.colours, LOAD]
-    return make_forces(scene.moved(scene.points_o, frame), arrows, colours, scene.thickness)
+    return make_arrows(scene.carry_points(scene.points_o, frame), arrows, colours, scene.thickness)
 
 
 def _shadow(scene: ViewScene, camera: Camera, surfaces: Sequence[Surface]) -> Array:
@@ -289,7 +289,7 @@ def _edges(layer: Layer) -> Array:
 def _label(axes: Axes, scene: ViewScene, frame: int, camera: Camera, sheet: Sheet) -> None:
     """Names and normal forces of the contacts that press, in a column on either side, with lines to the contacts."""
     pressing = np.flatnonzero(scene.normal[frame] > 0)
-    points = camera.project(scene.moved(scene.points_o, frame))[:, :2] / _finer(sheet)
+    points = camera.project(scene.carry_points(scene.points_o, frame))[:, :2] / _finer(sheet)
     # On the same side throughout a moving picture.
     on_left = points[:, 0] < np.median(points[:, 0]) if len(points) > 1 else np.array([True] * len(points))
     margin, line = sheet.dpi / 11, sheet.dpi / 5

@@ -14,7 +14,7 @@ from pinograsp.hands.model import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 from pinograsp.viz.raster import Camera, Layer, average_blocks, fit_camera, overlay, render_surfaces
-from pinograsp.viz.scene_meshes import LOAD, make_forces
+from pinograsp.viz.scene_meshes import LOAD, make_arrows
 from pinograsp.viz.solids import Links, Solid, make_solids, make_surfaces, sample_cloud, to_sevens
 from pinograsp.viz.stage import Held, Stage, choose_scale
 
@@ -75,8 +75,8 @@ def thumbnail(seen: Seen) -> bytes:
         for ends, colour in zip(arrows, [*seen.colours, LOAD])
         if np.linalg.norm(ends[1] - ends[0]) >= width
     ]
-    forces = make_forces(seen.points_o, [], seen.colours, width)
-    forces += make_forces(np.zeros((0, 3)), [ends for ends, _ in long], [colour for _, colour in long], width)
+    forces = make_arrows(seen.points_o, [], seen.colours, width)
+    forces += make_arrows(np.zeros((0, 3)), [ends for ends, _ in long], [colour for _, colour in long], width)
     hand, held = make_surfaces(solids, poses, thing)
     image = _compose(
         render_surfaces(hand, camera, up), render_surfaces(held, camera, up), render_surfaces(forces, camera, up)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pinograsp.checks import number, shown
+from pinograsp.checks import number, shorten
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.plan import PlanRecord, Simulation
 from pinograsp.spatial import Array, pose_of, tangent_frame
@@ -71,7 +71,7 @@ def view(
 def open_viewer(scene: ViewScene, *, port: int, host: str = "localhost", open_browser: bool = True) -> Viewer:
     """A live page of a scene; see :func:`view`."""
     if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port < 65536:
-        raise InvalidInput(f"port: expected a whole number from 0 to 65535, got {shown(port)}")
+        raise InvalidInput(f"port: expected a whole number from 0 to 65535, got {shorten(port)}")
     viewer = Viewer(scene, port, host)
     if open_browser:
         import webbrowser
@@ -83,7 +83,7 @@ def open_viewer(scene: ViewScene, *, port: int, host: str = "localhost", open_br
 # -- the live page -----------------------------------------------------------------------------------------------------
 
 
-class _Body(NamedTuple):
+class _BodyFrames(NamedTuple):
     """Frames of one hand and its object in the scene, of the plan or of the simulation."""
 
     links: list[viser.FrameHandle]
@@ -230,7 +230,7 @@ class Viewer:
 
     def _add_bodies(self) -> None:
         scene = self.scene
-        self._bodies: list[_Body] = []
+        self._bodies: list[_BodyFrames] = []
         self._root: viser.FrameHandle | None = None  # of the simulation
         self._ghost: list[tuple[viser.MeshHandle, float | None]] = []  # its meshes, with their opacity
         links = scene.link_poses.shape[1]
@@ -247,7 +247,7 @@ class Viewer:
         root = world.add_frame(f"/{name}", show_axes=False, position=shift)
         frames = [world.add_frame(f"/{name}/link{i}", show_axes=False) for i in range(links)]
         held = world.add_frame(f"/{name}/object", show_axes=False) if has_object else None
-        self._bodies.append(_Body(frames, held))
+        self._bodies.append(_BodyFrames(frames, held))
         for i, solid in enumerate(self.scene.solids):
             is_object = solid.link is None
             parent = f"/{name}/object" if is_object else f"/{name}/link{solid.link}"

@@ -165,7 +165,7 @@ class Fingers:
         self.joints = ends[:, None] + rng.uniform(-1, 1, (len(ends), 3, 3))
         self.ends = ends
 
-    def placed(self, q):
+    def place(self, q):
         """Rotations (k, 3, 3) of the last links, and where their ends are (k, 3)."""
         turns, ends = [], []
         for i, end in enumerate(self.ends):
@@ -181,12 +181,12 @@ class Fingers:
         """Of the ends (k, 6, n), world axes, by differences of fourth order."""
         found = np.zeros((len(self.ends), 6, 3 * len(self.ends)))
         for j in range(found.shape[2]):
-            parts = [self.placed(q + s * STEP * np.eye(len(q))[j]) for s in (-2, -1, 1, 2)]
+            parts = [self.place(q + s * STEP * np.eye(len(q))[j]) for s in (-2, -1, 1, 2)]
             turned, moved = (
                 (a - 8 * b + 8 * c - d) / (12 * STEP) for a, b, c, d in (tuple(one[i] for one in parts) for i in (0, 1))
             )
             found[:, :3, j] = moved
-            spin = turned @ self.placed(q)[0].transpose(0, 2, 1)
+            spin = turned @ self.place(q)[0].transpose(0, 2, 1)
             found[:, 3:, j] = np.column_stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]])
         return found
 
@@ -226,7 +226,7 @@ def test_fingers_that_turn_under_their_load(kind):
     def energy(motion):
         q, twist = motion[:12], motion[12:]
         turn = Rotation.from_rotvec(twist[3:]).as_matrix()
-        turns, ends = fingers.placed(q)
+        turns, ends = fingers.place(q)
         held = com + twist[:3] + (points - com) @ turn.T
         reached = ends + np.einsum("kxy,ky->kx", turns, hands - at)
         stored = 0.5 * gains @ q**2 - torques @ q - load[:3] @ twist[:3]

@@ -71,5 +71,5 @@ def test_what_is_kept_is_pressed_on_top(arm, grasp):
 
 
 def test_more_than_the_caps_is_told(arm, grasp):
-    with pytest.raises(CarryInfeasible, match="to bear the disturbances"):
+    with pytest.raises(CarryInfeasible, match="to withstand the disturbances"):
         plan_carry(arm, grasp, WAYPOINTS, intervals=10, disturbance=1000.0)

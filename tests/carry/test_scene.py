@@ -64,23 +64,23 @@ def test_the_arm_moves_and_the_fingers_stay(scene, arm):
 def test_arrows_move_the_object_as_newton_says(scene, grasp):
     """In the world, where the arrows are drawn: the forces' sum is mass times acceleration and weight."""
     scale, h = 0.5, scene.times[1]
-    com = np.array([scene.moved(scene.com_o[None], i)[0] for i in range(len(scene.times))])
+    com = np.array([scene.carry_points(scene.com_o[None], i)[0] for i in range(len(scene.times))])
     acceleration = (com[2:] + com[:-2] - 2 * com[1:-1]) / h**2
-    arrows = np.array([scene.moved(scene.arrows(i, scale), i) for i in range(1, len(com) - 1)])
+    arrows = np.array([scene.carry_points(scene.arrows(i, scale), i) for i in range(1, len(com) - 1)])
     force = np.diff(arrows, axis=2)[:, :, 0].sum(axis=1) / scale
     expected = grasp.body.mass * (acceleration + [0, 0, 9.81])
     error = np.linalg.norm(force - expected, axis=1)
     assert np.median(error) < 0.01 and error.max() < 0.3  # N; the least where acceleration bends
     weight = np.linalg.norm(force - grasp.body.mass * np.array([0, 0, 9.81]), axis=1)
     assert weight.max() > 1.0  # the arm is fast: its acceleration is seen
-    load = np.diff(scene.moved(scene.load_arrow(5, scale), 5), axis=0)[0] / scale
+    load = np.diff(scene.carry_points(scene.load_arrow(5, scale), 5), axis=0)[0] / scale
     np.testing.assert_allclose(load, -force[4], atol=1e-5)
 
 
 def test_contacts_stay_on_the_object(scene, grasp):
     for i in (0, 40, len(scene.times) - 1):
         own = np.linalg.inv(matrix(scene.object_at(i)))
-        points = scene.moved(scene.points_o, i) @ own[:3, :3].T + own[:3, 3]
+        points = scene.carry_points(scene.points_o, i) @ own[:3, :3].T + own[:3, 3]
         before = np.linalg.inv(grasp.body.pose)
         np.testing.assert_allclose(points, grasp.contacts.points_o @ before[:3, :3].T + before[:3, 3], atol=1e-12)
 
@@ -108,7 +108,7 @@ def test_a_grasp_planned_elsewhere_is_in_the_same_hand(arm, grasp, scene):
     turn = Rotation.from_euler("xyz", [0.4, 0.2, -1.0]).as_matrix()
     shift = pose_of(np.array([0.3, -0.2, 0.5]), turn)
     box = pg.Box(size=[0.04, 0.04, 0.06], mass=0.2, pose=shift @ grasp.body.pose)
-    away = pg.plan_grasp_on(arm.placed(shift @ arm.pose), box, pg.GraspConditions(mu=0.6))
+    away = pg.plan_grasp_on(arm.place(shift @ arm.pose), box, pg.GraspConditions(mu=0.6))
     other = carry_scene(plan_carry(arm, away, WAYPOINTS, intervals=20))
     for i, k in ((0, 0), (-1, -1)):
         np.testing.assert_allclose(other.object_at(i)[:3], scene.object_at(k)[:3], atol=1e-9)

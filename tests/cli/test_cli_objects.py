@@ -73,7 +73,7 @@ def test_a_plan_with_a_reserve(command, tmp_path):
     assert planned["reserve"]["force_N"] == pytest.approx(0.3 * 0.981) and planned["reserve"]["mass"] == 0
     assert planned["reserve"]["friction"] == 0.2  # the others are the default's
     report = (tmp_path / "run" / "report.md").read_text()
-    assert "What does it bear?" in report and "30 % of the weight" in report
+    assert "What does it withstand?" in report and "30 % of the weight" in report
     for given, message in (
         ("much", "reserve: expected none, default, or NAME=VALUE"),
         ("mass=0.1,mass=0.2", "each once"),

@@ -28,12 +28,12 @@ CASES = {
     "double hump": (DecelerationShape.polynomial([0, 0, 1, -2, 1]), lambda u: 16 * u**2 * (1 - u) ** 2, ()),
     "touching zero": (DecelerationShape.polynomial([0.25, -1, 1]), lambda u: (1 - 2 * u) ** 2, ()),
     "samples": (
-        DecelerationShape.sampled(SAMPLES),
+        DecelerationShape.from_samples(SAMPLES),
         lambda u: np.interp(u, np.linspace(0, 1, 6), SAMPLES) / 2,
         (0.2, 0.4, 0.6, 0.8),
     ),
-    "late": (DecelerationShape.sampled([0, 0, 1]), lambda u: np.maximum(2 * u - 1, 0), (0.5,)),
-    "early": (DecelerationShape.sampled([1, 0, 0]), lambda u: np.maximum(1 - 2 * u, 0), (0.5,)),
+    "late": (DecelerationShape.from_samples([0, 0, 1]), lambda u: np.maximum(2 * u - 1, 0), (0.5,)),
+    "early": (DecelerationShape.from_samples([1, 0, 0]), lambda u: np.maximum(1 - 2 * u, 0), (0.5,)),
     "jump": (
         DecelerationShape(name="jump", alpha=PPoly([[4.0, 1.0]], [0.0, 0.3, 1.0])),
         lambda u: np.where(u < 0.3, 1.0, 0.25),
@@ -128,8 +128,8 @@ def test_known_factors(case, speed, depth):
     [
         (lambda: DecelerationShape.polynomial([1]), "polynomial of degree 0"),
         (lambda: DecelerationShape.polynomial([7.0, 0.0, 0.0]), "polynomial of degree 2"),
-        (lambda: DecelerationShape.sampled([1, 1]), "2 samples"),
-        (lambda: DecelerationShape.sampled([3.3] * 8), "8 samples"),
+        (lambda: DecelerationShape.from_samples([1, 1]), "2 samples"),
+        (lambda: DecelerationShape.from_samples([3.3] * 8), "8 samples"),
         (lambda: DecelerationShape.linear(0.2, 0.2), "linear 1:1"),
         (lambda: DecelerationShape.constant(), "constant"),
     ],
@@ -148,7 +148,7 @@ def test_constant_by_any_road(make, name):
 def test_linear_by_any_road():
     u = np.linspace(0, 1, 50)
     linear = DecelerationShape.linear(1, 4)
-    for shape in (DecelerationShape.polynomial([1, 3]), DecelerationShape.sampled([1, 2.5, 4])):
+    for shape in (DecelerationShape.polynomial([1, 3]), DecelerationShape.from_samples([1, 2.5, 4])):
         assert np.allclose(shape.depth(u), linear.depth(u), rtol=0, atol=1e-15)
         assert shape.impulse_factor(0.7) == pytest.approx(linear.impulse_factor(0.7), rel=1e-13)
         assert shape.work_factor(0.7) == pytest.approx(linear.work_factor(0.7), rel=1e-13)
@@ -159,7 +159,7 @@ def test_samples_of_a_polynomial_converge_to_it():
     u = np.linspace(0, 1, 77)
 
     def errors(n):
-        shape = DecelerationShape.sampled(hump.acceleration(np.linspace(0, 1, n)))
+        shape = DecelerationShape.from_samples(hump.acceleration(np.linspace(0, 1, n)))
         return np.array(
             [
                 np.abs(shape.acceleration(u) - hump.acceleration(u)).max(),
@@ -175,7 +175,7 @@ def test_samples_of_a_polynomial_converge_to_it():
 
 
 def test_extreme_numbers_stay_in_range():
-    assert DecelerationShape.sampled([1e308, 1e308, 0]).speed_factor == 0.75
+    assert DecelerationShape.from_samples([1e308, 1e308, 0]).speed_factor == 0.75
     assert DecelerationShape.polynomial([1e308, 1e308]).speed_factor == 0.75
     assert DecelerationShape.linear(1e-320, 0).name == "linear 1:0"
 
@@ -314,10 +314,10 @@ def test_profile_is_of_constant_deceleration_unless_told():
         # Negative between its ends only.
         (lambda: DecelerationShape.polynomial([0.2, -1, 1]), "got -0.05 at u = 0.5: .* add at least 0.05"),
         (lambda: DecelerationShape.polynomial([-1]), "got -1 at u = 0"),
-        (lambda: DecelerationShape.sampled([1.0]), "expected at least 2 numbers, got 1: give two or more"),
-        (lambda: DecelerationShape.sampled([1.0, np.inf]), "expected finite numbers.*give two or more"),
-        (lambda: DecelerationShape.sampled([5, 1, -2, 1]), "expected values >= 0, got -2 at index 2.*raise"),
-        (lambda: DecelerationShape.sampled([0, 0, 0]), "got zero everywhere"),
+        (lambda: DecelerationShape.from_samples([1.0]), "expected at least 2 numbers, got 1: give two or more"),
+        (lambda: DecelerationShape.from_samples([1.0, np.inf]), "expected finite numbers.*give two or more"),
+        (lambda: DecelerationShape.from_samples([5, 1, -2, 1]), "expected values >= 0, got -2 at index 2.*raise"),
+        (lambda: DecelerationShape.from_samples([0, 0, 0]), "got zero everywhere"),
         (lambda: DecelerationShape(name="x", alpha=[1.0]), "expected a real, scalar .*PPoly.*build it with"),
         (lambda: DecelerationShape(name="x", alpha=PPoly([[1.0 + 1j]], [0, 1])), "expected a real, scalar"),
         (lambda: DecelerationShape(name="x", alpha=PPoly([[[1.0, 2.0]]], [0, 1])), "expected a real, scalar"),

@@ -15,7 +15,11 @@ from pinograsp.forces import optimize_forces
 
 TAU = 0.12
 DEPTHS = np.array([1e-4, 1e-3, 3e-3, 8e-3])
-SHAPES = (DecelerationShape.constant(), DecelerationShape.linear(1, 0), DecelerationShape.sampled([0.2, 1, 0.5, 0.1]))
+SHAPES = (
+    DecelerationShape.constant(),
+    DecelerationShape.linear(1, 0),
+    DecelerationShape.from_samples([0.2, 1, 0.5, 0.1]),
+)
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def test_the_dual_newton_method(model, objective, k):
         status, expected, _ = reference.dual_newton(*as_reference(program, fixed), friction)
         assert (code == core.CONVERGED) == (status == "converged"), seed
         if code != core.CONVERGED:
-            assert (program.excluded(y, np.zeros(0)) > 0) == (status == "infeasible")
+            assert (program.farkas_bound(y, np.zeros(0)) > 0) == (status == "infeasible")
             continue
         gave_up += not newton  # interior points follow
         own = program.value(expected.ravel())
@@ -160,7 +160,7 @@ def test_a_checkout_takes_what_is_installed(tmp_path):
         expected = any(Path(distribution("pinograsp").locate_file("pinograsp/core")).glob("_core_base.*"))
     except PackageNotFoundError:
         expected = False
-    script = "from pinograsp import core; print(core.__file__, core.installed())"
+    script = "from pinograsp import core; print(core.__file__, core.is_installed())"
     env = {name: value for name, value in os.environ.items() if name not in ("PYTHONSAFEPATH", "PYTHONPATH")}
     there = subprocess.run(
         [sys.executable, "-c", script], cwd=tmp_path, env=env, capture_output=True, text=True, check=True

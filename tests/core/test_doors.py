@@ -7,7 +7,7 @@ import pytest
 
 from pinograsp import core
 
-if not core.installed():
+if not core.is_installed():
     pytest.skip("the core is not compiled", allow_module_level=True)
 FAIR = {
     "contacts": 3,

@@ -212,7 +212,7 @@ def test_interior_points_recognise_infeasible_loads(contact_set):
             problem = ForceProblem(contacts=contacts, load=1e3 * load, mu=0.5, friction=model, max_depth=5e-3)
             code, _, _, y, program = answered(problem, "interior")
             assert code != core.CONVERGED
-            if program.excluded(y, np.zeros(0)) > 0:
+            if program.farkas_bound(y, np.zeros(0)) > 0:
                 proven += 1
     assert proven >= 18  # of 24
 
@@ -230,7 +230,7 @@ def test_dual_newton_recognises_infeasible_loads(contact_set):
                 feasible = optimize_forces(problem, 0.85, objective="work", solver="daqp").status is Status.OK
                 assert newton, name
                 assert (code == core.CONVERGED) == feasible, name
-                assert (program.excluded(y, np.zeros(0)) > 0) == (not feasible)
+                assert (program.farkas_bound(y, np.zeros(0)) > 0) == (not feasible)
 
 
 def test_global_search_through_it(make_problem):
@@ -301,7 +301,7 @@ def test_compiled_checks_equal_the_plain_ones(contact_set, model, limited):
                 x[:, -1] = np.clip(np.exp(rng.normal(size=k)), program.lo, program.hi)
                 both = np.concatenate([y, w[fixed.order]])
                 bound, excluded = fixed.grasp(problem).bounds(*given, np.ascontiguousarray(x.T), both)
-                assert excluded == pytest.approx(program.excluded(y, w), rel=1e-9)
+                assert excluded == pytest.approx(program.farkas_bound(y, w), rel=1e-9)
                 if not program.powers:  # with them the tangents are each method's own choice
                     assert bound == pytest.approx(program.lower_bound(x.ravel(), y, w), rel=1e-9)
                 for _ in range(20):

@@ -86,7 +86,7 @@ def test_grid_costs_more_than_the_certified_optimum(make_problem):
         DecelerationShape.constant(),
         DecelerationShape.linear(1, 0.2),
         DecelerationShape.polynomial([1, -2, 2]),
-        DecelerationShape.sampled([0.2, 1.0, 0.4]),
+        DecelerationShape.from_samples([0.2, 1.0, 0.4]),
     ],
     ids=["constant", "linear", "polynomial", "sampled"],
 )

@@ -40,7 +40,7 @@ from pinograsp.spatial import rotation_rpy
 
 
 # Named, since "auto" depends on what has been loaded. The compiled methods are an extra.
-SOLVERS = ("default", "newton", "interior") if core.installed() else ("default",)
+SOLVERS = ("default", "newton", "interior") if core.is_installed() else ("default",)
 # The other two models take the same ways through the code, and their time: slow.
 SOME_FAMILIES = [
     pytest.param(family, marks=[] if family in ("pyramid", "cone") else [pytest.mark.slow]) for family in FAMILIES
@@ -510,7 +510,7 @@ def test_a_finer_polygon_contains_the_coarser_one(edges):
         DecelerationShape.linear(1, 0),
         DecelerationShape.linear(0, 1),
         DecelerationShape.polynomial([1, 2, -2]),
-        DecelerationShape.sampled([0.2, 1, 0.6, 0.9]),
+        DecelerationShape.from_samples([0.2, 1, 0.6, 0.9]),
     ],
     ids=lambda shape: shape.name,
 )

@@ -117,7 +117,7 @@ def test_what_nothing_helps_has_no_options(contact_set):
 
 def test_no_friction_at_all_is_named(jaws):
     setup = jaws(mu=0.0, max_normal_force=2 * NEEDED)
-    assert options(setup)["mu",][0].applied(setup).problem.mu == pytest.approx(MU / 2, rel=SHARP)
+    assert options(setup)["mu",][0].apply(setup).problem.mu == pytest.approx(MU / 2, rel=SHARP)
 
 
 def test_a_diagnosis_names_the_limit_of_forces_or_torques(jaws):

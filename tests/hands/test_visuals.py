@@ -16,7 +16,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import CATALOGUE, file_of
 from pinograsp.hands.record import hand_of, hand_record
-from pinograsp.hands.visuals import mean_colour, mesh_of, meshes_of, share, simplified
+from pinograsp.hands.visuals import mean_colour, mesh_of, meshes_of, share, simplify
 
 
 def described(name: str) -> list[tuple]:
@@ -196,7 +196,7 @@ def test_materials_of_a_mesh_colour_its_parts(tmp_path):
 
 def test_few_triangles_stay_near_the_surface():
     ball = trimesh.creation.icosphere(subdivisions=5)
-    vertices, faces = simplified(np.array(ball.vertices), np.array(ball.faces), 1000)
+    vertices, faces = simplify(np.array(ball.vertices), np.array(ball.faces), 1000)
     assert 900 <= len(faces) <= 1000
     assert np.abs(np.linalg.norm(vertices, axis=1) - 1).max() < 0.02
     assert trimesh.Trimesh(vertices, faces).volume == pytest.approx(4 / 3 * np.pi, rel=0.02)
@@ -207,7 +207,7 @@ def test_meshes_of_loose_triangles_become_small_too():
     loose = np.array(ball.triangles).reshape(-1, 3) + 1e-4 * np.random.default_rng(0).normal(
         size=(3 * len(ball.faces), 3)
     )
-    vertices, faces = simplified(loose, np.arange(len(loose)).reshape(-1, 3), 2000)
+    vertices, faces = simplify(loose, np.arange(len(loose)).reshape(-1, 3), 2000)
     assert 500 <= len(faces) <= 2000 and faces.max() < len(vertices)
     assert np.abs(np.linalg.norm(vertices, axis=1) - 1).max() < 0.05
 

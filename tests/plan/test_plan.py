@@ -18,7 +18,7 @@ from pinograsp.planner import load_run, save_run
 from pinograsp.report import list_comparison, report_plan
 from pinograsp.storage import runs
 from pinograsp.viz.figures import contact_forces, joint_angles, joint_torques, save_figures
-from pinograsp.words import number
+from pinograsp.words import format_number
 from pinograsp.writing import folders
 
 
@@ -271,7 +271,7 @@ def test_report_reads_well(run, rows):
 
 
 def test_numbers_for_people():
-    assert [number(v) for v in (None, 0, 0.9, 20.2156, 8.45e-14, 123456.7, 1e9, -0.0695)] == [
+    assert [format_number(v) for v in (None, 0, 0.9, 20.2156, 8.45e-14, 123456.7, 1e9, -0.0695)] == [
         "-",
         "0",
         "0.9000",

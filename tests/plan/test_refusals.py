@@ -38,7 +38,7 @@ def held(tmp_path):
     def make(effort=60.0, mass=0.3, **conditions):
         bar = pg.Box(size=(0.03, 0.04, 0.05), mass=mass)
         at = pg.spatial.pose_of([0.0, 0.0, 0.05], None)
-        return jaws(tmp_path, effort), bar.placed(at), GraspConditions(**{"mu": 0.5, **conditions})
+        return jaws(tmp_path, effort), bar.place(at), GraspConditions(**{"mu": 0.5, **conditions})
 
     return make
 
@@ -84,7 +84,7 @@ def test_a_search_names_what_keeps_all_of_its_samples_from_holding(held):
     hand, bar, conditions = held(effort=0.3)
     search = {"count": 4, "seed": 5, "jobs": 1, "progress": False}
     found = find_grasps(hand, bar, conditions, **search)
-    assert not found.grasps and found.near and all(grasp.bears for grasp in found.near)
+    assert not found.grasps and found.near and all(grasp.withstands for grasp in found.near)
     figure = re.search(rf"effort limit[^:\n]*: at least {NUMBER} N, given 0.300 N", found.explain())
     with pytest.raises(NoGrasp, match="effort limit"):
         plan_best(found, conditions, progress=False)

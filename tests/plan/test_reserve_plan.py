@@ -81,9 +81,9 @@ def test_the_reserve_is_kept_and_shown(plan, tmp_path):
     assert again.reserve.summary() == plan.reserve.summary() == plan.summary()["reserve"]
     words = dict(list_results(plan))
     assert "50 % of the weight" in words["reserve planned"] and "mass +-20 %" in words["reserve planned"]
-    assert words["it bears"].startswith(f"a push of {plan.margins.disturbance_force:.2f}"[:14])
+    assert words["it withstands"].startswith(f"a push of {plan.margins.disturbance_force:.2f}"[:14])
     assert "at this t_I no forces cost less" in words["proven"]
-    assert "m/s2" in {one.question: one.text for one in answer_questions(again)}["What does it bear?"]
+    assert "m/s2" in {one.question: one.text for one in answer_questions(again)}["What does it withstand?"]
     assert f"One squeeze for {plan.reserve.loads} loads" in report_plan(again).to_markdown()
     plan.to_csv(tmp_path / "motion.csv")
     assert (tmp_path / "motion.csv").stat().st_size > 1000

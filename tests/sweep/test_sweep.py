@@ -73,9 +73,9 @@ def test_draws_are_seeded_and_of_their_distributions():
         "friction.edges": {"choice": [4, 6, 8]},
         "compliance.stiffness": {"log_uniform": [1e3, 1e5]},
     }
-    many = load_sweep({**BASE, "samples": {"count": 20_000, "seed": 3, **draws}}).drawn
-    again = load_sweep({**BASE, "samples": {"count": 50, "seed": 3, "object.mass": draws["object.mass"]}}).drawn
-    other = load_sweep({**BASE, "samples": {"count": 50, "seed": 4, "object.mass": draws["object.mass"]}}).drawn
+    many = load_sweep({**BASE, "samples": {"count": 20_000, "seed": 3, **draws}}).random_inputs
+    again = load_sweep({**BASE, "samples": {"count": 50, "seed": 3, "object.mass": draws["object.mass"]}}).random_inputs
+    other = load_sweep({**BASE, "samples": {"count": 50, "seed": 4, "object.mass": draws["object.mass"]}}).random_inputs
     # More draws, or other inputs, change none of them; another seed does.
     assert again["object.mass"] == many["object.mass"][:50] != other["object.mass"]
     # Mean and standard deviation within five standard errors.
@@ -100,7 +100,7 @@ def test_all_draws_at_every_point_of_a_grid():
     assert (
         [row["object.mass"] for row in rows[:3]]
         == [row["object.mass"] for row in rows[3:]]
-        == spec.drawn["object.mass"]
+        == spec.random_inputs["object.mass"]
     )
 
 
@@ -309,7 +309,7 @@ def test_a_hand_and_an_object(tmp_path):
         "over": {"object.mass": [0.1, 0.2, -1], "mu": [0.7]},
     }
     rows = sweep(spec, tmp_path / "out", jobs=1, progress=False).table().to_pylist()
-    thing = pg.Cylinder(radius=0.02, height=0.12, mass=0.2).placed(pg.spatial.pose_of([0.08, 0, 0.07]))
+    thing = pg.Cylinder(radius=0.02, height=0.12, mass=0.2).place(pg.spatial.pose_of([0.08, 0, 0.07]))
     closure = pg.close_hand(pg.load_hand("allegro_right"), thing)
     conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1), reserve=None)
     told = pg.plan_grasp_on(closure.hand, closure, conditions).summary()

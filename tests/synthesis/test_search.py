@@ -67,7 +67,7 @@ def test_grasps_hold_what_they_say(found, ball):
         assert np.all(np.abs(torque) <= closure.hand.effort * (1 + 1e-6))
         assert grasp.energy == forces.certificate.objective and grasp.load_factor >= 1
     squeezes = [one.squeeze for one in found.grasps if one.sound == found.best.sound]
-    assert squeezes == sorted(squeezes) and found.best.bears
+    assert squeezes == sorted(squeezes) and found.best.withstands
     assert [one.sound for one in found.grasps] == sorted((one.sound for one in found.grasps), reverse=True)
 
 
@@ -478,7 +478,7 @@ def test_fingers_that_are_not_mirror_images_hold_a_box():
     """Both fingers of this hand bend the same way: they oppose each other where one is further on its way."""
     body = Box(size=(0.037, 0.037, 0.098), mass=0.04)
     search = find_grasps(load_hand("sake_left"), body, count=16, seed=4, jobs=1, **SETTINGS)
-    q = np.array([grasp.closure.q for grasp in search.grasps if grasp.bears])
+    q = np.array([grasp.closure.q for grasp in search.grasps if grasp.withstands])
     assert len(q) and (np.abs(q[:, 0] - q[:, 1]) > 0.3).any()
 
 

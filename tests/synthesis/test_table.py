@@ -56,7 +56,7 @@ def test_depths_below_a_plane_are_those_of_the_lowest_points(name):
 def test_planes_are_under_the_lowest_points(body, below):
     turn = np.eye(4)
     turn[:3, :3], turn[:3, 3] = pin.exp3(np.array([0.4, -0.7, 1.1])), [0.1, -0.2, 0.3]
-    plane = SupportPlane.under(body.placed(turn), turn[:3, :3] @ [0, 0, -9.81])
+    plane = SupportPlane.under(body.place(turn), turn[:3, :3] @ [0, 0, -9.81])
     assert plane.up_o == pytest.approx(turn[:3, 2])
     assert plane.height == pytest.approx(turn[:3, 3] @ turn[:3, 2] - below, abs=1e-6)
 
@@ -112,7 +112,9 @@ def test_hands_keep_above_the_table(found):
 def test_plans_that_go_through_the_table_say_so(found):
     """Without a table hands reach round a flat box: told to keep above one, the plan names link, time and depth."""
     through = [
-        grasp for grasp in found[False].grasps if grasp.bears and below(grasp, [grasp.closure.start, grasp.closure.q])
+        grasp
+        for grasp in found[False].grasps
+        if grasp.withstands and below(grasp, [grasp.closure.start, grasp.closure.q])
     ]
     assert through
     closure = through[0].closure

@@ -12,7 +12,14 @@ from matplotlib.image import imread
 
 from pinograsp.hands import load_hand
 from pinograsp.plan import Layout
-from pinograsp.viz.carried import arm_motion, friction_use, normal_forces, path_speed, save_carry_figures, torque_shares
+from pinograsp.viz.carried import (
+    arm_motion,
+    carry_friction,
+    normal_forces,
+    path_speed,
+    save_carry_figures,
+    torque_shares,
+)
 
 N, K = 60, 9
 BINDS = [f"torque of joint {i}" for i in range(9)]
@@ -117,11 +124,11 @@ def test_commands_are_dashed_where_they_are_something_else(plan):
 
 
 def test_friction_has_its_limit_marked(plan):
-    axes = friction_use(plan).axes[0]
+    axes = carry_friction(plan).axes[0]
     assert any(np.allclose(line.get_ydata(), 1.0) for line in axes.lines)
     assert axes.get_ylim()[0] == 0 and axes.get_ylim()[1] > 1
     plan.friction_use = 2 * plan.friction_use
-    assert friction_use(plan).axes[0].get_ylim()[1] > plan.friction_use.max()
+    assert carry_friction(plan).axes[0].get_ylim()[1] > plan.friction_use.max()
 
 
 def test_torques_are_shares_of_their_limits(plan, hand):
@@ -149,7 +156,7 @@ def test_legends_are_beside_the_curves(plan, length):
     plan.binding = tuple(what.ljust(length, "e") for what in plan.binding)
     plan.torques = 1e6 + plan.torques  # numbers with an offset are told in full
     plan.ddq = 1e7 + 1e-3 * plan.ddq
-    for drawn in (path_speed, normal_forces, friction_use, torque_shares, arm_motion):
+    for drawn in (path_speed, normal_forces, carry_friction, torque_shares, arm_motion):
         figure = drawn(plan)
         FigureCanvasAgg(figure).draw()
         for axes in figure.axes:

@@ -448,7 +448,7 @@ def test_grasps_stay_where_they_are(run, simulation):
     record = record_of(scene)
     assert scene.carried is None and record["carried"] is None and record["rate"] == 30
     assert np.array_equal(scene.object_at(7), scene.object_pose)
-    assert scene.moved(scene.points_o, 7) is scene.points_o
+    assert scene.carry_points(scene.points_o, 7) is scene.points_o
     touch, closed = scene.frame_at(scene.touch), scene.frame_at(scene.closed)
     assert record["phases"] == [["approach", 0, touch], ["grasp", touch, closed]]
     assert record["heading"] == "Margins of the grasp" and "other loads" in record["load_told"]

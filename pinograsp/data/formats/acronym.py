@@ -21,7 +21,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pinograsp.checks import shown
+from pinograsp.checks import shorten
 from pinograsp.data import hdf5_child
 from pinograsp.data.files import LARGEST, File
 from pinograsp.data.format import Format, Payload
@@ -83,7 +83,7 @@ class _Frames:
             raise self._refusal(document["refused"])
         for key in ("object", "gripper"):
             if not is_name(document[key]):
-                raise self._refusal(f"name of the {key}: expected {NAME}, got {shown(document[key])}")
+                raise self._refusal(f"name of the {key}: expected {NAME}, got {shorten(document[key])}")
         return document
 
     def column(self, kind: str, shape: tuple[int, ...]) -> NDArray[Any]:

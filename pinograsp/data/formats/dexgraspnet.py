@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pinograsp.checks import shown
+from pinograsp.checks import shorten
 from pinograsp.data.files import File
 from pinograsp.data.format import Format, Payload, by_joint, npy_bytes
 from pinograsp.data.keys import Keys, rows_to_fault
@@ -77,7 +77,7 @@ def _posture(keys: Keys, joints: tuple[str, ...] | None) -> tuple[list[float], l
         names = keys.names(names)
     else:
         if set(names) != set(joints):
-            odd = ", ".join(sorted(shown(name) for name in set(names) ^ set(joints))[:4])
+            odd = ", ".join(sorted(shorten(name) for name in set(names) ^ set(joints))[:4])
             raise keys.refusal(f"expected the names of joints of the rows before, which differ by {odd}")
         names = joints
     return [keys.number(name) for name in (*_PLACE, *_ANGLES)], [keys.number(name) for name in names], names

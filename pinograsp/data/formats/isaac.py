@@ -48,13 +48,13 @@ def read(file: File) -> Iterator[Draft]:
     items = (
         Keys(file.source, grasps.get(name), "isaac", f"grasps/{name}", at) for at, name in enumerate(grasps.values)
     )
-    rows, fault = rows_to_fault(items, lambda keys, rows: _Row(keys, rows[:1]))
+    rows, fault = rows_to_fault(items, lambda keys, rows: _IsaacRow(keys, rows[:1]))
     if not rows and (fault or problem):
         raise GraspsNotRead(file.source, fault or problem or "", row=0 if fault else None)
     yield _draft(rows, keys, fault, problem)
 
 
-def _draft(rows: list[_Row], keys: Keys, fault: str | None, problem: str | None) -> Draft:
+def _draft(rows: list[_IsaacRow], keys: Keys, fault: str | None, problem: str | None) -> Draft:
     poses, bad = poses_from_wxyz(np.array([row.pose for row in rows]).reshape(-1, 7))
     draft = Draft(
         poses=poses,
@@ -78,10 +78,10 @@ def _read_first(keys: Keys, names: tuple[str, ...]) -> str:
     return next((keys.text(name) for name in names if keys.values.get(name) is not None), "")
 
 
-class _Row:
+class _IsaacRow:
     """One grasp, with the joints of the first one."""
 
-    def __init__(self, keys: Keys, first: list[_Row]):
+    def __init__(self, keys: Keys, first: list[_IsaacRow]):
         keys.need(["position", "orientation"])
         orientation = keys.inner("orientation")
         orientation.need(["w", "xyz"])

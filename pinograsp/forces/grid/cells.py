@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from pinograsp.checks import array_of, brief, frozen, instance_of, integer, number, read_only, shown
+from pinograsp.checks import array_of, brief, frozen, instance_of, integer, number, read_only, shorten
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import BY_ACCELERATION, BY_DEPTH, BY_SPEED, ForceProblem
 from pinograsp.forces.solution import GridLog, GridSolution
@@ -68,10 +68,12 @@ class GridSpec:
             if values.size == 0:
                 raise InvalidInput(f"grid {name}: expected at least one value, got an empty grid")
             if np.any(np.diff(values) <= 0):
-                raise InvalidInput(f"grid {name}: expected increasing values, got {shown(values.tolist())}")
+                raise InvalidInput(f"grid {name}: expected increasing values, got {shorten(values.tolist())}")
             object.__setattr__(self, name, values)
         if np.any(np.abs(self.multipliers) > _ROUNDING):
-            raise InvalidInput(f"grid multipliers: expected values in [-1, 1], got {shown(self.multipliers.tolist())}")
+            raise InvalidInput(
+                f"grid multipliers: expected values in [-1, 1], got {shorten(self.multipliers.tolist())}"
+            )
         if self.accelerations[0] <= 0:
             raise InvalidInput(f"grid accelerations: expected values > 0 [m/s^2], got {self.accelerations[0]:g}")
         object.__setattr__(self, "residual_limit", number("residual limit", self.residual_limit, at_least=0, unit="N"))

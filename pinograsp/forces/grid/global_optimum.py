@@ -61,7 +61,7 @@ def optimize_grasp(
     started = time.perf_counter()
     instance_of("problem", problem, ForceProblem)
     instance_of("progress", progress, bool, type(None))
-    search = _Search(problem, weights_of(objective, problem), check_solver(solver))
+    search = _BranchAndBound(problem, weights_of(objective, problem), check_solver(solver))
     gap = number("gap", gap, above=0)
     if gap < 1e-9:
         raise InvalidInput(f"gap: expected at least 1e-9 (the certificates' own accuracy), got {gap:g}")
@@ -75,7 +75,7 @@ def optimize_grasp(
     return search.solution(gap, interrupted, started)
 
 
-class _Search:
+class _BranchAndBound:
     def __init__(self, problem: ForceProblem, weights: dict[str, float], solver: str):
         self.problem, self.weights, self.solver = problem, weights, solver
         self.matrices = matrices_of(problem, weights)
@@ -127,7 +127,7 @@ class _Search:
 
     def visit(self, t: float) -> None:
         """Best forces at one impact time; they become the incumbent if they are the cheapest so far."""
-        found = self.solved(program_at(self.problem, self.matrices, t))
+        found = self.solve(program_at(self.problem, self.matrices, t))
         if (
             found.status is Status.OK
             and found.forces is not None
@@ -136,7 +136,7 @@ class _Search:
             self.best, self.best_value = found.forces, found.forces.certificate.objective
             self.best_time, self.best_solver = t, found.solver
 
-    def solved(self, program: Program) -> ProgramOutcome:
+    def solve(self, program: Program) -> ProgramOutcome:
         """The outcome of a program; of several proofs the one with the least margin is kept."""
         found = self.solvers.solve(self.problem, program, first=self.first)
         if self.solver == "auto" and found.status is Status.OK:
@@ -153,7 +153,7 @@ class _Search:
         terms = {m: tuple((min(one, two), power) for (one, power), (two, _) in zip(early[m], late[m])) for m in early}
         (_, hi), (lo, _) = problem.normal_force_range(a), problem.normal_force_range(b)
         program = assemble(self.matrices, problem.scaled_load, terms, lo, hi)
-        found = self.solved(program)
+        found = self.solve(program)
         self.undecided += found.status is Status.INACCURATE
         if found.status is Status.INFEASIBLE:
             return float("inf")

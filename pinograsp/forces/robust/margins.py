@@ -30,7 +30,7 @@ from pinograsp.words import lines_of
 _HELD = 10 * TOLERANCE.violation
 # Relative to the load: optimal forces lie *on* their friction limits, so margins near zero are common.
 _NEGLIGIBLE = 1e-5
-_ANY = 1e4  # times the load: more than any grasp bears, where it bears anything
+_ANY = 1e4  # times the load: more than any grasp withstands, where it withstands anything
 _ROUGH = 2e-2  # accuracy of a ball of wrenches whose support points are programs
 
 
@@ -214,7 +214,7 @@ def _find_reach(program: Program, column: Array, springs: Array) -> float:
     x, s = found[0][:n], float(found[0][n])
     x[program.d - 1 :: program.d] = program.lo + s * changes[:, 0]
     here = replace(free, b=program.b + s * column)
-    if not s > 0 or measure_miss(here, here.settled(x, here.A @ x - here.b)) > _HELD:
+    if not s > 0 or measure_miss(here, here.remove_residual(x, here.A @ x - here.b)) > _HELD:
         return 0.0
     return np.inf if s > _ANY * (1 - 1e-3) else s / size
 
@@ -279,7 +279,7 @@ def _section(program: Program, rows: IntArray, springs: Array) -> InscribedBall:
             x, wrench = found[0][:n], found[0][n:]
             x[program.d - 1 :: program.d] = program.lo + changes @ wrench
             here = replace(free, b=program.b - pick @ wrench)
-            if measure_miss(here, here.settled(x, here.A @ x - here.b)) <= _HELD:
+            if measure_miss(here, here.remove_residual(x, here.A @ x - here.b)) <= _HELD:
                 return wrench
         held = False
         return np.zeros(len(rows))

@@ -3,7 +3,7 @@
 The hand commands the normal forces once; the contacts react to each load. So F_n is common to all loads, and each load
 has tangential forces of its own. With the ``"friction"`` reaction F_n does not change; with the ``"elastic"`` one
 it is that under the problem's own load, and changes with a load as contacts on equal springs would
-(:func:`~pinograsp.forces.matrices.elastic_reaction`): two jaws bear a push along their own line so.
+(:func:`~pinograsp.forces.matrices.elastic_reaction`): two jaws withstand a push along their own line so.
 
 - for every vertex of a polytope of loads (a list, a box, a range of masses) there are tangential forces; all loads in
   the convex hull are then held, since the friction limits are convex for fixed F_n. This is exact.
@@ -161,7 +161,7 @@ def robust_at(
     )
     if scenarios:
         reacted = _on_other_contacts(problem, reacted, scenarios)
-    return RobustProgram(problem, program, reacted, load_set, impact_time).solved(proven)
+    return RobustProgram(problem, program, reacted, load_set, impact_time).solve(proven)
 
 
 def _on_other_contacts(

@@ -77,7 +77,7 @@ class RobustProgram:
         self.peak = self.extra + self.k * len(self.curved)
         self.size = self.peak + (program.peak > 0)
 
-    def solved(self, prove_it: bool) -> RobustForces:
+    def solve(self, prove_it: bool) -> RobustForces:
         """The record of the forces, or of the proof that there are none, which is looked for where asked."""
         started = time.perf_counter()
         if np.any(self.program.lo > self.program.hi):
@@ -133,7 +133,7 @@ class RobustProgram:
             return False
         y = z[: self.s * self.rows].reshape(self.s, self.rows) / size
         w = z[self.equalities :].reshape(self.s, m) / size
-        slopes, total = self.shared(y, w, z[self.fixed_at : self.equalities] / size)
+        slopes, total = self.sum_slopes(y, w, z[self.fixed_at : self.equalities] / size)
         return total + self.program.least(slopes) > TOLERANCE.proof
 
     def constraints(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
@@ -232,7 +232,7 @@ class RobustProgram:
             caps = np.maximum(dual[self.caps_at : self.caps_end], 0.0).reshape(self.s, self.k)
         return y, torque[:, :m] - torque[:, m:], dual[self.fixed_at : self.equalities], caps
 
-    def shared(self, y: Array, w: Array, v: Array, caps: Array | None = None) -> tuple[Array, float]:
+    def sum_slopes(self, y: Array, w: Array, v: Array, caps: Array | None = None) -> tuple[Array, float]:
         """The sum over all loads of their duals' slopes in F_n (k,), which is common to them, and of the constants.
 
         Where contacts are softer or stiffer than planned, a load's slope is one in F_n and in the first load's u.
@@ -257,7 +257,7 @@ class RobustProgram:
     def lower_bound(self, z: Array, dual: Array) -> float:
         """Proven bound of the objective: as in :mod:`pinograsp.forces.solve.program`, with F_n shared by all loads."""
         p = self.program
-        s, total = self.shared(*self.multipliers(dual))
+        s, total = self.sum_slopes(*self.multipliers(dual))
         return total + p.separable(s, np.clip(z[: self.k], p.lo, p.hi))
 
     def record(self, status: Status, z: Array | None, bound: float, started: float) -> RobustForces:
@@ -269,7 +269,7 @@ class RobustProgram:
         certificate: Certificate | None = None
         if z is not None:
             F = z[: self.k]
-            u = self.settled(z[self.k : self.L].reshape(self.s, self.k, self.e), F)
+            u = self.remove_residuals(z[self.k : self.L].reshape(self.s, self.k, self.e), F)
             x = np.concatenate([u, self.normal(F, u[0])[:, :, None]], axis=2)
             if self.radius:
                 response = z[self.L : self.extra].reshape(self.k, self.e, self.rows)
@@ -305,7 +305,7 @@ class RobustProgram:
             elapsed=time.perf_counter() - started,
         )
 
-    def settled(self, u: Array, F: Array) -> Array:
+    def remove_residuals(self, u: Array, F: Array) -> Array:
         """u (s, k, d - 1) with the balance residuals removed by the least changes of the tangential forces."""
         columns = self.program.A.reshape(self.rows, self.k, -1)
         tangential = columns[:, :, :-1].reshape(self.rows, -1)
@@ -369,7 +369,7 @@ class RobustProgram:
         if problem is not self.problem:
             return [self.problem, *singles]
         low, high = self.problem.normal_force_range(self.t)
-        if not core.installed() or np.any(low > high):
+        if not core.is_installed() or np.any(low > high):
             return singles
         from pinograsp.forces.solve.batch import ForceBatch, solve_batch
 

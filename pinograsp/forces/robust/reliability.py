@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from pinograsp.checks import array_of, at_least_zero, brief, instance_of, integer, number, read_only, shown
+from pinograsp.checks import array_of, at_least_zero, brief, instance_of, integer, number, read_only, shorten
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solve.batch import ForceBatch, solve_batch
@@ -109,7 +109,7 @@ def holding_probability(
     normals = number("error of normals", normals, at_least=0)
     spread = np.zeros(6) if disturbance is None else array_of("disturbance", disturbance, (6,))
     if np.any(spread < 0):
-        raise InvalidInput(f"disturbance: expected six standard deviations >= 0, got {shown(spread.tolist())}")
+        raise InvalidInput(f"disturbance: expected six standard deviations >= 0, got {shorten(spread.tolist())}")
     if problem.torques is not None:
         raise InvalidInput("holding_probability: torque limits are not part of it; give normal_forces that keep them")
     rng, contacts, k = np.random.default_rng(seed), problem.contacts, problem.k

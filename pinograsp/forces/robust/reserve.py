@@ -24,7 +24,7 @@ _FARTHEST_OFF = 1e3  # [-] of contact stiffness
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reserve:
-    """What a squeeze bears besides the weight that it is planned for. All shares may be 0.
+    """What a squeeze withstands besides the weight that it is planned for. All shares may be 0.
 
     Attributes:
         disturbance: force in any direction, as share of the weight [-]; and moment about any axis, this force times

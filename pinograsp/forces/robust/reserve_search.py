@@ -1,4 +1,4 @@
-"""Squeezes that bear a reserve: at one impact time, over all of them, and those that a hand can press to."""
+"""Squeezes that withstand a reserve: at one impact time, over all of them, and those that a hand can press to."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def optimize_reserve(
 
     Args:
         problem: of holding an object (``ForceProblem.holding``), without the reserve.
-        reserve: what to bear besides.
+        reserve: what to withstand besides.
         impact_time: t_I [s].
         objective: as for :func:`~pinograsp.forces.optimize_robust`.
 
@@ -104,7 +104,7 @@ def search_reserve(
 
     Args:
         problem: of holding an object, without the reserve.
-        reserve: what to bear besides.
+        reserve: what to withstand besides.
         objective: as for :func:`~pinograsp.forces.optimize_robust`.
         start: impact time of an earlier squeeze [s]: if it does and no torque limit is met, there is no search.
 
@@ -148,13 +148,13 @@ def search_reserve(
 
 
 def least_squeeze(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | None = None) -> Array | None:
-    """Normal forces (k,) [N] of a squeeze that bears the reserve, within all that any impact time allows.
+    """Normal forces (k,) [N] of a squeeze that withstands the reserve, within all that any impact time allows.
 
     That of least largest force; None: there is none. One program, for searches.
 
     Args:
         problem: of holding an object, without the reserve.
-        reserve: what to bear besides the weight.
+        reserve: what to withstand besides the weight.
         rows: combinations (p, k) of the depths that the hand cannot change [-], as for :func:`producible_reserve`, here
             linearised at even forces alone.
     """
@@ -185,7 +185,7 @@ def producible_reserve(
 
     Args:
         problem: of holding an object, without the reserve.
-        reserve: what to bear besides the weight.
+        reserve: what to withstand besides the weight.
         squeeze: :func:`search_reserve`'s, with any depths.
         rows: combinations (p, k) of the depths that the hand cannot change [-].
         objective: as for :func:`~pinograsp.forces.optimize_robust`.
@@ -242,7 +242,7 @@ def reserve_along(
 
     Args:
         problem: of holding an object, without the reserve.
-        reserve: what to bear besides the weight.
+        reserve: what to withstand besides the weight.
         squeeze: :func:`search_reserve`'s, at whose impact time or near it this one is.
         start: normal forces (k,) [N].
         direction: of their change (k,), not all 0.

@@ -134,4 +134,4 @@ def _separate(problem: ForceProblem, A: Array, rank: int, y: Array) -> Array:
         return np.linalg.svd(A)[0][:, -1]
     y = y / max(float(np.linalg.norm(y)), 1e-300)
     program = feasibility(problem, np.zeros(problem.k), np.ones(problem.k))
-    return y if program.reduced(y @ A).min() >= -1e-6 else np.zeros(problem.rows)
+    return y if program.reduce_costs(y @ A).min() >= -1e-6 else np.zeros(problem.rows)

@@ -113,7 +113,7 @@ def _check(program: Program, answer: ProgramAnswer, settle: bool) -> tuple[Array
     x = answer.x
     violation, gauge, residual = program.violations(x)
     if settle and residual @ residual > 1e-26:
-        x = program.settled(x, residual)
+        x = program.remove_residual(x, residual)
         violation, gauge, residual = program.violations(x)
     objective = program.value(x)
     if not len(answer.y):

@@ -25,7 +25,7 @@ from pinograsp.checks import (
     mapping_of,
     one_of,
     read_only,
-    shown,
+    shorten,
 )
 from pinograsp.contacts import Friction
 from pinograsp.contacts.compliance import MEASURES
@@ -111,7 +111,7 @@ class ForceBatch:
         put("loads", array_of("loads", self.loads, (n, 6)))
         counts = np.full(n, k, dtype=float) if self.counts is None else floats_of("counts", self.counts)
         if counts.shape != (n,) or not np.all((counts >= 1) & (counts <= k) & (counts == np.floor(counts))):
-            raise InvalidInput(f"counts: expected {n} integers from 1 to {k}, got {shown(self.counts)}")
+            raise InvalidInput(f"counts: expected {n} integers from 1 to {k}, got {shorten(self.counts)}")
         put("counts", read_only(counts.astype(np.int64)))
         used = np.arange(k) < counts[:, None]
         off = ~are_rotations(self.rotations) & used

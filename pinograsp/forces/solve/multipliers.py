@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp import core
-from pinograsp.checks import array_of, at_least_zero, brief, frozen, instance_of, one_of, read_only, shown
+from pinograsp.checks import array_of, at_least_zero, brief, frozen, instance_of, one_of, read_only, shorten
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
@@ -159,7 +159,7 @@ class MultiplierQP:
         instance_of("problem", problem, ForceProblem)
         normal = array_of("normal forces", normal_forces, (problem.k,))
         if np.any(normal < 0) or not normal.any():
-            raise InvalidInput(f"normal forces: expected values >= 0 [N], not all zero, got {shown(normal.tolist())}")
+            raise InvalidInput(f"normal forces: expected values >= 0 [N], not all zero, got {shorten(normal.tolist())}")
         columns = problem.scaled_columns
         H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)
         self.problem, self.normal_forces = problem, normal

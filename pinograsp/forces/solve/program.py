@@ -23,7 +23,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from pinograsp.checks import instance_of, number, one_of, shown
+from pinograsp.checks import instance_of, number, one_of, shorten
 from pinograsp.contacts import Friction
 from pinograsp.contacts.compliance import MEASURES, Measure
 from pinograsp.errors import InvalidInput
@@ -124,7 +124,7 @@ class Program:
                 second += (exponent - 1) * power
         return first, second / np.maximum(F, 1e-300)  # a least normal force may be too small for a float
 
-    def reduced(self, c: Array) -> Array:
+    def reduce_costs(self, c: Array) -> Array:
         """s_i (k,): least value of c_i . x_i per unit of F_i over u_i in F_i U."""
         c = c.reshape(self.k, self.d)
         return c[:, -1] - self.friction.support(c[:, :-1])
@@ -144,7 +144,7 @@ class Program:
         if len(w):
             c = c + w @ self.R
             total -= self.rows_at_their_limits(w)
-        return total + self.separable(self.reduced(c), F, refine)
+        return total + self.separable(self.reduce_costs(c), F, refine)
 
     def separable(self, s: Array, F: Array, refine: bool = True) -> float:
         """Lower bound of sum_i phi(F_i) + s_i F_i + p max F over lo <= F <= hi, sharp where F is near the minimiser.
@@ -193,7 +193,7 @@ class Program:
         """Largest value of w . R x that the torque limits allow."""
         return float(np.maximum(w * self.R_hi, w * self.R_lo).sum())
 
-    def excluded(self, y: Array, w: Array) -> float:
+    def farkas_bound(self, y: Array, w: Array) -> float:
         """Farkas bound: for *all* admissible x, y . (A x - b) + torque excess weighted by w is at least this.
 
         Positive: the program is infeasible, and (y, w) proves it.
@@ -203,7 +203,7 @@ class Program:
         if len(w):
             c = c + w @ self.R
             total -= self.rows_at_their_limits(w)
-        return total + self.least(self.reduced(c))
+        return total + self.least(self.reduce_costs(c))
 
     def violations(self, x: Array) -> tuple[float, Array, Array]:
         """Largest violation of friction, of the bounds on F and of the torque rows; gauges (k,); balance residual
@@ -218,7 +218,7 @@ class Program:
             worst = max(worst, float(np.maximum(torque - self.R_hi, self.R_lo - torque).max()))
         return max(worst, 0.0), gauge, self.A @ x - self.b
 
-    def settled(self, x: Array, residual: Array) -> Array:
+    def remove_residual(self, x: Array, residual: Array) -> Array:
         """x with the balance's residual A x - b removed by the least-norm correction."""
         return x - self.matrices.correction @ residual
 
@@ -236,15 +236,15 @@ def weights_of(objective: Objective | None, problem: ForceProblem) -> dict[str, 
         objective = {objective: 1.0}
     if not isinstance(objective, Mapping) or not objective:
         raise InvalidInput(
-            f"objective: expected a name or {{name: weight}} of {', '.join(OBJECTIVES)}, got {shown(objective)}"
+            f"objective: expected a name or {{name: weight}} of {', '.join(OBJECTIVES)}, got {shorten(objective)}"
         )
     weights: dict[str, float] = {}
     for name, weight in objective.items():
-        weights[one_of("objective", name, OBJECTIVES)] = own = number(f"weight of {shown(name)}", weight, at_least=0)
+        weights[one_of("objective", name, OBJECTIVES)] = own = number(f"weight of {shorten(name)}", weight, at_least=0)
         if own and not _LIGHTEST <= own <= _HEAVIEST:
             raise InvalidInput(
-                f"weight of {shown(name)}: expected 0, or {_LIGHTEST:g} to {_HEAVIEST:g}, got {own:g}: only the ratios "
-                "of the weights matter"
+                f"weight of {shorten(name)}: expected 0, or {_LIGHTEST:g} to {_HEAVIEST:g}, got {own:g}: only the "
+                "ratios of the weights matter"
             )
     if not any(weights.values()):
         raise InvalidInput("objective: expected at least one weight above 0")

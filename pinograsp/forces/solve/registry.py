@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from pinograsp.checks import array_of, instance_of, one_of, shown
+from pinograsp.checks import array_of, instance_of, one_of, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.solve.standard_form import Cones, ConicProgram, QuadraticProgram, SolverAnswer
 from pinograsp.spatial import Array
@@ -39,9 +39,9 @@ class Answered(NamedTuple):
 def register(name: str, function: Callable[[Any], Any], takes: str, taken: tuple[str, ...]) -> None:
     """Put a solver under a name that is not among ``taken``."""
     if not instance_of("solver's name", name, str).strip():
-        raise InvalidInput(f"solver's name: expected a text that is not empty, got {shown(name)}")
+        raise InvalidInput(f"solver's name: expected a text that is not empty, got {shorten(name)}")
     if not callable(function):
-        raise InvalidInput(f"solver '{name}': expected a function of a program, got {shown(function)}")
+        raise InvalidInput(f"solver '{name}': expected a function of a program, got {shorten(function)}")
     if name in taken:
         raise InvalidInput(
             f"solver '{name}': expected a name that is free, got one of {', '.join(taken)}; "

@@ -97,7 +97,7 @@ class SolverOrder:
         general = ("daqp", "clarabel") if matrices.k <= _DENSE_UP_TO else ("clarabel", "daqp")
         self._matrices = matrices
         if solver == "auto":
-            compiled = [name for name in ("newton", "interior") if self.takes(name)] if core.installed() else []
+            compiled = [name for name in ("newton", "interior") if self.takes(name)] if core.is_installed() else []
             solver = next(iter(compiled), general[0])
         self.order = tuple(dict.fromkeys((solver, *general)))
         self._dense: dict[str, DenseMethod] = {}

@@ -45,10 +45,10 @@ class Template:
             ExtraMissing: the core is not installed.
         """
         if self._grasp is None:
-            self._grasp = self._made(problem)
+            self._grasp = self._make_grasp(problem)
         return self._grasp
 
-    def _made(self, problem: ForceProblem) -> Any:
+    def _make_grasp(self, problem: ForceProblem) -> Any:
         friction, (d, k), m = self.matrices.friction, self.q.shape, self.matrices.rows
         widths = np.ones((k, d))
         widths[:, :-1] = problem.friction.scale(problem.mu)
