@@ -11,7 +11,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pinograsp.words import escape, printable
+from pinograsp.words import escape_controls, printable
 
 _LONGEST_PROBLEM = 600  # characters about a file of grasps
 
@@ -92,7 +92,7 @@ class PinograspError(Exception):
     """
 
     def __str__(self) -> str:
-        return escape(super().__str__(), keep="\n")
+        return escape_controls(super().__str__(), keep="\n")
 
 
 class InvalidInput(PinograspError, ValueError):

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pinograsp.words import printable
+from pinograsp.words import escape_controls, printable
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -41,7 +41,7 @@ def _environment(quote: Callable[[str], str] | None, longest: int) -> Environmen
         return text if quote is None else Markup(quote(text))
 
     def lines(text: str) -> Markup:
-        text = escape(text, keep="\n")
+        text = escape_controls(text, keep="\n")
         return escape(text) if quote is None else Markup(text.replace("```", "'''"))
 
     environment = Environment(

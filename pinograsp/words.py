@@ -24,7 +24,7 @@ def format_fixed(value: float, decimals: int) -> str:
     return text.lstrip("-") if not text.strip("-0.") else text
 
 
-def escape(text: str, keep: str = "") -> str:
+def escape_controls(text: str, keep: str = "") -> str:
     """Text without what would steer a terminal or turn the direction, but for the characters to ``keep``."""
     if text.isprintable():
         return text
@@ -35,7 +35,7 @@ def printable(text: str, most: int = 200) -> str:
     """A name of someone else's as one line of text: no control characters, nothing that turns the direction, at most so
     long.
     """
-    shown = escape(str(text))
+    shown = escape_controls(str(text))
     return shown if len(shown) <= most else f"{shown[: most - 3]}..."
 
 

@@ -26,7 +26,7 @@ except KeyboardInterrupt:
     raise SystemExit(130) from None
 
 from pinograsp.errors import PinograspError, SearchFailed, Status, status_of
-from pinograsp.words import escape
+from pinograsp.words import escape_controls
 
 __all__ = ["app", "main", "run"]
 
@@ -133,6 +133,6 @@ def _interrupt(error: BaseException | None) -> bool:
 
 def _say(text: str) -> None:
     """Print an error: wrapped on a terminal, unbroken elsewhere, where it is searched."""
-    text = escape(f"pinograsp: {text}", keep="\n")
+    text = escape_controls(f"pinograsp: {text}", keep="\n")
     width = shutil.get_terminal_size().columns
     typer.echo("\n".join(wrap_text(text, width)) if sys.stderr.isatty() else text, err=True)

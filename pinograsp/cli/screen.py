@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from pinograsp.cli.remedies import as_options
-from pinograsp.words import escape
+from pinograsp.words import escape_controls
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,7 +63,7 @@ def tell(text: str, width: int | None = None) -> None:
 def wrap_text(text: str, width: int | None = None) -> list[str]:
     """Lines of at most ``width`` columns, those of the terminal by default; longer words (paths) stay whole."""
     found = []
-    for line in escape(text, keep="\n").split("\n"):
+    for line in escape_controls(text, keep="\n").split("\n"):
         indent = line[: len(line) - len(line.lstrip())]
         found += _fill(line.strip(), indent, f"{indent}  ", width)
     return found
@@ -85,7 +85,7 @@ def list_facts(facts: Sequence[Fact], most: int | None = None) -> list[str]:
     indent = max((len(name) for name, _ in facts), default=0) + 2
     found = []
     for name, text in facts:
-        lines = _fill(escape(text), escape(name).ljust(indent), " " * indent, None)
+        lines = _fill(escape_controls(text), escape_controls(name).ljust(indent), " " * indent, None)
         if most is not None and len(lines) > most:
             last = lines[most - 1]
             kept = last if len(last) <= columns() - 4 else last[: columns() - 4].rpartition(" ")[0]
@@ -123,7 +123,7 @@ def show(
         lines = [*lines[: max(room - 1, 0)], f"... {more}"]
     screen = console()
     if title:
-        screen.print(Text(escape(title), "bold"), soft_wrap=True)
+        screen.print(Text(escape_controls(title), "bold"), soft_wrap=True)
     for line in lines:
         screen.print(line, soft_wrap=True)
     screen.print()

@@ -7,7 +7,7 @@ import functools
 import math
 import operator
 from collections import ChainMap
-from collections.abc import Callable, Mapping, MappingView
+from collections.abc import Callable, ItemsView, KeysView, Mapping, ValuesView
 from typing import Any, TypeAlias
 
 import simpleeval
@@ -96,7 +96,7 @@ class _Evaluation(simpleeval.SimpleEval):  # type: ignore[misc]  # it has no typ
     def _eval(self, node: ast.AST) -> Value:
         """The value of a part of the expression; what is done with values takes no longer than to go through them."""
         value = super()._eval(node)
-        value = list(value) if isinstance(value, tuple | MappingView) else value
+        value = list(value) if isinstance(value, tuple | KeysView | ValuesView | ItemsView) else value
         self.work += _measure(value)
         if self.work > _MOST_WORK:
             raise NotAllowed(f"it goes through more than {_MOST_WORK} values and characters")

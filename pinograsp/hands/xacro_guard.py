@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from xml.dom import expatbuilder, minidom
+from xml.dom import expatbuilder
 
 from pinograsp.hands import arithmetic
 from pinograsp.hands.arithmetic import NotAllowed
@@ -120,7 +120,7 @@ class Guard:
             raise NotAllowed(f"include of '{name}': only plain file names are allowed")
         yield self.module.abs_filename_spec(str(self.module.eval_text(name, symbols)))
 
-    def _parse(self, _: object, name: str) -> minidom.Document:
+    def _parse(self, _: object, name: str) -> Any:
         try:
             return self._read("include", name, self._read_document).cloneNode(True)
         except OSError as error:  # in xacro's own words: it goes on where the file is optional
@@ -136,7 +136,7 @@ class Guard:
         except (OSError, ValueError) as error:
             raise NotAllowed(f"load_yaml of '{path}': {error}") from error
 
-    def _read_document(self, path: Path) -> minidom.Document:
+    def _read_document(self, path: Path) -> Any:
         """The parsed file, without comments, in which xacro may evaluate; refused for what is not allowed in it."""
         content = read_bytes(path)
         self._charge(len(content))
