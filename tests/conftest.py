@@ -5,6 +5,7 @@ import secrets
 import signal
 import subprocess
 import sys
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -40,6 +41,13 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")
 
 
+def _part(text: str) -> tuple[int, int]:
+    part, parts = map(int, text.split("/"))
+    if not 0 <= part < parts:
+        raise ValueError(text)
+    return part, parts
+
+
 def pytest_addoption(parser):
     parser.addoption(
         "--fuzz-seed",
@@ -49,6 +57,7 @@ def pytest_addoption(parser):
     )
     parser.addoption("--fuzz-count", type=int, default=3000, help="hostile inputs of each kind")
     parser.addoption("--share", type=float, default=1.0, help="share of what slow tests repeat")
+    parser.addoption("--part", type=_part, default=(0, 1), metavar="I/N", help="of slow tests, part I of N (from 0)")
 
 
 def pytest_report_header(config):
@@ -65,8 +74,12 @@ def height(item) -> int:
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items):
-    """The upper rooms first: their tests take longest."""
+def pytest_collection_modifyitems(config, items):
+    """The upper rooms first: their tests take longest. Of slow tests, those of the part that is asked for."""
+    part, parts = config.getoption("--part")
+    items[:] = [
+        item for item in items if not item.get_closest_marker("slow") or crc32(item.nodeid.encode()) % parts == part
+    ]
     items.sort(key=height, reverse=True)
 
 

@@ -114,7 +114,7 @@ class Compliance(Protocol):
             InvalidInput: an energy that is further from any such sum, since it is not convex.
         """
         _, tau = _check_measured(0.0, duration, shape)
-        forces = number("largest force", largest, above=0) * np.arange(1, _FITTED + 1) / _FITTED
+        forces = number("largest force", largest, above=0, at_most=1e12, unit="N") * np.arange(1, _FITTED + 1) / _FITTED
         depths = self.depth(forces)
         if one_of("measure", measure, MEASURES) == "impulse":
             parts = (tau, self._integrate_force(depths, shape)), (self.loss, self.energy(depths))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -120,6 +121,9 @@ def test_powers_are_near_the_measure(law, measure):
     assert all(c > 0 and e >= 1 for c, e in powers)
     exact = getattr(law, measure)(law.depth(forces), TAU)
     assert np.allclose(found, exact, rtol=0, atol=0.1 * exact.max())  # what a fit may be off
+    for far in (1e12, 2e301):
+        with contextlib.suppress(InvalidInput):  # no power of the force is near some laws so far away
+            assert np.isfinite(law.powers(measure, TAU, largest=far)).all()
 
 
 def test_an_energy_that_is_no_sum_of_powers_is_refused():

@@ -19,11 +19,11 @@ from pinograsp.forces import (
     GridSpec,
     grid_search,
     grid_values,
-    multipliers as multipliers_module,
-    pruned,
     refine_multipliers,
 )
+from pinograsp.forces.grid import pruned
 from pinograsp.forces.grid.lattice import first_on_lattice
+from pinograsp.forces.solve import multipliers as multipliers_module
 from pinograsp.forces.solve.solvers import TOLERANCES, solve_qp
 from pinograsp.objects import Cylinder, Sphere
 

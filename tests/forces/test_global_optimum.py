@@ -15,11 +15,11 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
     ForceProblem,
     TorqueLimits,
-    global_optimum as module,
     grid_search,
     optimize_forces,
     optimize_grasp,
 )
+from pinograsp.forces.grid import global_optimum as module
 from pinograsp.forces.solve.solver_order import SolverOrder
 
 

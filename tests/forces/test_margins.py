@@ -14,7 +14,6 @@ from pinograsp.contacts import Friction, contacts_at
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
     ForceProblem,
-    conic,
     diagnose,
     disturbance_margin,
     force_closure,
@@ -22,6 +21,7 @@ from pinograsp.forces import (
     min_weight,
     optimize_forces,
 )
+from pinograsp.forces.solve import conic
 from pinograsp.objects import Cylinder
 
 

@@ -22,8 +22,8 @@ from pinograsp.forces import (
     optimize_robust,
     producible_reserve,
     reserve_along,
-    robust_program as robust_room,
 )
+from pinograsp.forces.robust import program as robust_room
 from pinograsp.motion import MotionSpec, plan_motion
 
 CONE = Friction(model="cone")

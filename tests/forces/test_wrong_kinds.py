@@ -23,6 +23,7 @@ CALLS = {
     "active": ANSWER.certificate.active,
     "kept_friction": pg.Reserve().kept_friction,
     "reserve.problem": lambda x: pg.Reserve().problem(None if x is PROBLEM else x),
+    "disturbance_margin": lambda x: forces.disturbance_margin(PROBLEM, np.eye(6)[0], impact_time=0.9, reaction=x),
     "load_factor": lambda x: forces.load_factor(BALL if x is PROBLEM else x, impact_time=0.9),
     "fingertips": lambda x: contacts.fingertips(x, None),
     "link_centre": lambda x: contacts.link_centre(x, None, 1),

@@ -172,11 +172,10 @@ def disturbance_margin(
         raise InvalidInput("direction: expected a wrench that is not zero in the balance rows")
     if (normal_forces is None) == (impact_time is None):
         raise InvalidInput("margin: expected normal_forces (fixed) or impact_time (forces free), one of them")
+    one_of("reaction", reaction, get_args(Reaction))
     if impact_time is None:
         normal = at_least_zero("normal forces", array_of("normal forces", normal_forces, (problem.k,)))
-        springs = np.zeros((problem.k, problem.rows))
-        if one_of("reaction", reaction, get_args(Reaction)) == "elastic":
-            springs = elastic_reaction(problem)
+        springs = elastic_reaction(problem) if reaction == "elastic" else np.zeros((problem.k, problem.rows))
         program = _at(problem, normal)
         return _find_reach(program, -scaled / program.force_scale, springs)
     else:
