@@ -10,6 +10,8 @@ from pinograsp.hands import load_hand
 from pinograsp.hands.catalogue import CATALOGUE, file_of
 from pinograsp.hands.summary import overview
 
+SOME_HANDS = ("humanoid", "allegro_right", "psyonic_left", "panda", "so101", "baxter_left")  # one of each kind
+
 loaded = functools.cache(load_hand)
 listed = functools.cache(overview)
 

@@ -63,6 +63,7 @@ def write_case(path, **changes):
     return path
 
 
+@pytest.mark.slow
 def test_plan_paper_as_a_newcomer_types_it(tmp_path):
     """A real process, cold: prints the table, writes the folder, stays within time and memory."""
     script = (
@@ -276,6 +277,7 @@ def test_no_grasp_gets_exit_code_3(command, tmp_path, name):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_motion_at_its_limit_stays_within_it(command, tmp_path):
     """A joint that would swing beyond its limit on its way, or press beyond it, does not."""
     limits = "hand.limits_deg={thumb_abduction: [-15, 130], index_dip: [0, 30.5]}"
@@ -478,6 +480,7 @@ def test_a_hand_that_is_missing_does_not_hide_the_others(command, monkeypatch):
     assert code == 2 and len(document["hands"]) == 1 and len(document["problems"]) == 21
 
 
+@pytest.mark.slow
 def test_the_catalogue_is_listed_within_seconds(tmp_path):
     """A real process, cold: all hands, meshes and the masses of those without any."""
     script = (

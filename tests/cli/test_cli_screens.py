@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from marks import slow_except
 from terminal import on_a_terminal
 from typer.main import get_command
 
@@ -56,6 +57,7 @@ def test_the_first_screen_of_a_plan_is_its_answer(planned):
     assert "Comparison" not in " ".join(lines)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_rendering")
 def test_what_is_too_long_for_it_is_behind_options(command):
     code, out, _ = command("plan", "paper", "--compare", *LIGHT)
@@ -287,7 +289,9 @@ def test_examples_of_the_help_work_when_typed(tmp_path, often, commands):
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["hands"], ["hands", "--json"], ["plan", "nothing", "--json"]], ids=" ".join
+    "arguments",
+    slow_except([["--help"], ["hands"], ["hands", "--json"], ["plan", "nothing", "--json"]], ["--help"]),
+    ids=" ".join,
 )
 def test_a_pipe_that_nobody_reads_ends_a_command_without_a_word(arguments):
     """As the shell tells of other tools: 128 and the number of SIGPIPE."""

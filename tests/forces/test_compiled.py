@@ -12,6 +12,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from marks import slow_except
 from random_grasps import random_grasp
 from whole_forces import MODELS
 
@@ -54,7 +55,7 @@ def joint_limits(k, seed=0):
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("objective", ["work", "impulse", "least_squares", {"work": 1.0, "least_squares": 1e-3}])
-@pytest.mark.parametrize("k", [3, 8])
+@pytest.mark.parametrize("k", slow_except([3, 8], 8))
 @pytest.mark.parametrize("solver", ["newton", "interior", "interior, torque limits"])
 def test_same_optimum_as_the_general_method(contact_set, model, objective, k, solver):
     solver, _, limited = solver.partition(",")

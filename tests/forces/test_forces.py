@@ -427,6 +427,7 @@ def test_a_grid_of_7e13_points(make_problem, balance):
         assert found.status is Status.INFEASIBLE and "search='hybrid'" in found.explain()
 
 
+@pytest.mark.slow
 def test_five_contacts_stay_within_memory():
     """2.4e9 cells in four blocks of one million prefixes at most."""
     import tracemalloc

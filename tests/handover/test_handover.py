@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from marks import slow_except
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput, ResultsNotWritten
@@ -531,7 +532,7 @@ def test_actuators_of_all_kinds_make_the_efforts(psyonic, tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", ["paper", "psyonic", "panda"])
+@pytest.mark.parametrize("name", slow_except(["paper", "psyonic", "panda"], "panda"))
 def test_servos_follow_the_controls(request, tmp_path, name):
     """The simulation's model of the hand, with its servos, the object out of the way."""
     plan, dt = request.getfixturevalue(name), 5e-4

@@ -130,6 +130,7 @@ def test_a_name_spelt_wrong_gets_a_suggestion():
         load_hand("allegro_rigth")
 
 
+@pytest.mark.slow
 def test_the_docs_list_the_catalogue():
     """Names, joints, masses, fingers and efforts, as the hands have them."""
     from pinograsp.hands.summary import cells

@@ -639,6 +639,7 @@ def test_a_long_chain_needs_no_recursion(tmp_path):
     assert load_hand(write(tmp_path, robot("chain", *parts, *joints))).fingers[0].tip == f"l{n}"
 
 
+@pytest.mark.slow
 def test_more_than_any_robot_has_is_refused_at_once(tmp_path):
     """A chain of 3,000 joints took half a minute."""
     n = 3000

@@ -8,8 +8,9 @@ import numpy as np
 import own_hands
 import pinocchio as pin
 import pytest
+from marks import slow_except
 from own_hands import joint, link, robot
-from shipped_hands import loaded, oracle
+from shipped_hands import SOME_HANDS, loaded, oracle
 from urdf_oracle import Description
 
 from pinograsp.errors import HandNotLoaded
@@ -348,7 +349,7 @@ def test_limits_of_sliding_joints_are_in_metres(tmp_path):
     assert any("set to 0..30 deg" in note for note in turning.notes)
 
 
-@pytest.mark.parametrize("name", COUPLED)
+@pytest.mark.parametrize("name", slow_except(COUPLED, *SOME_HANDS))
 def test_coupled_hands_go_to_other_processes(name):
     """Pinocchio's own copies of mimic joints crash after pickling (4.1)."""
     hand = loaded(name).place(pin.SE3.Random().homogeneous)

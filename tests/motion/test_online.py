@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from conftest import around_cylinder
+from marks import slow_except
 
 import pinograsp as pg
 from pinograsp.contacts import Contact, ContactSet
@@ -393,7 +394,7 @@ def hand_of_many(model):
 
 
 @pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_except(MODELS, "cone"))
 def test_torque_limits(name):
     """Where the least forces ask too much of a joint: the best that do not, or the closest; limits of some joints only."""
     hand, q, problem = hand_of_many(MODELS[name])
@@ -426,7 +427,7 @@ def test_torque_limits(name):
 
 
 @pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_except(MODELS, "pyramid"))
 def test_couplings_of_drives(name):
     """Torques in the ratios of a motor's arms, to what friction bears: the best forces that have them, or the closest."""
     hand, q, problem = hand_of_many(MODELS[name])

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import own_hands
 import pytest
+from marks import slow_except
 from swinging_shape import SHAPES, engine, one_joint, pose
 
 import pinograsp as pg
@@ -76,7 +77,7 @@ def linear(task):
 # -- control -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("factor", [0.2, 1.0, 20.0])
+@pytest.mark.parametrize("factor", slow_except([0.2, 1.0, 20.0], 1.0))
 def test_a_servo_and_a_contact_are_springs_in_series(linear, factor):
     """F' = F (C_c + C_h) / (C_c' + C_h); of the position alone C_c / (C_c' + C_h); of the torque alone 1."""
     contact, hand = 1 / linear.law.stiffness, 1 / KP
@@ -95,6 +96,7 @@ def test_a_servo_and_a_contact_are_springs_in_series(linear, factor):
         assert seen.servo["control"] == control
 
 
+@pytest.mark.slow
 def test_default_servos_are_the_position_and_the_torque(task, undisturbed):
     servo = Servo.of(task.hand)
     assert servo.control == "impedance" and servo.stiffness == pytest.approx(np.full(3, 50 / 0.03**2))
@@ -112,7 +114,7 @@ def gripped():
     )
 
 
-@pytest.mark.parametrize("control", ["torque", "position", "impedance"])
+@pytest.mark.parametrize("control", slow_except(["torque", "position", "impedance"], "impedance"))
 def test_energy_is_kept_by_every_control_with_every_error(gripped, control):
     """On coupled jaws: what the motors put in is stored, or lost in contacts and dry friction."""
     servo = Servo.of(gripped.hand, None if control == "torque" else 5e3, control=control)
@@ -167,6 +169,7 @@ def test_dry_friction_holds_a_deflection_up_to_its_limit(friction, stays):
     assert abs(made.dq[0]) < 1e-4
 
 
+@pytest.mark.slow
 def test_dry_friction_of_a_whole_hand_keeps_account_of_energy():
     """Twenty joints that push each other."""
     brisk = {"forces.search": "convex", "limits.final_time": 0.4, "limits.impact_time": [0.2, 0.35]}
@@ -180,6 +183,7 @@ def test_dry_friction_of_a_whole_hand_keeps_account_of_energy():
     assert max(rubbed.verdict.energy_error, free.verdict.energy_error) < 2e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["impedance", "torque"])
 def test_dry_friction_takes_its_share_of_a_grip(linear, control):
     """Jaws that come to rest as they close press with f C_h / (C_c + C_h) too little, the edge of the dead band."""
@@ -207,7 +211,7 @@ def test_an_encoder_that_reads_too_much_presses_less(linear):
 # -- contacts ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rho", [1.0, 1.5])
+@pytest.mark.parametrize("rho", slow_except([1.0, 1.5], 1.5))
 def test_harder_contacts_press_and_damp_as_told(task, rho):
     """At the planned depths F grows as K, and what is damped on the way with the factor^(1 + 1 / (2 rho))."""
     stated, factor = replace(task, law=replace(task.law, damping=50.0, exponent=rho)), 4.0
@@ -217,6 +221,7 @@ def test_harder_contacts_press_and_damp_as_told(task, rho):
     assert damped[1] / damped[0] == pytest.approx(factor ** (1 + 1 / (2 * rho)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_hard_contacts_get_steps_that_resolve_them(task):
     for factor, mass_factor in ((1e3, 1.0), (20.0, 0.1)):
         hard = Disturbance(stiffness=factor, mass_factor=mass_factor)
@@ -340,6 +345,7 @@ def test_positions_alone_press_too_little(task):
     assert "never touched" in beside.causes[0]
 
 
+@pytest.mark.slow
 def test_dry_friction_asks_for_stiffer_servos(task):
     """Softer ones would lose more of the forces; with contacts of another stiffness they would lose less."""
     servo = Servo.of(task.hand, KP)
@@ -350,6 +356,7 @@ def test_dry_friction_asks_for_stiffer_servos(task):
     assert not soft.held and soft.remedies[0].startswith("softer servos")
 
 
+@pytest.mark.slow
 def test_a_hand_that_gives_way_without_a_slip_is_a_cause():
     """Torques alone keep nothing in place: the paper's fingers and their object fall over together."""
     plan = pg.load_case("paper").plan(progress=False)
@@ -386,6 +393,7 @@ def test_what_would_have_held_is_what_a_plan_with_it_holds(plan):
     json.dumps(found.summary(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_a_plan_with_the_squeeze_that_would_have_held_holds(plan):
     for factor, held in ((1.96, False), (2.04, True)):
         closure = pg.close_hand(plan.hand, plan.body, start=np.zeros(3), target=np.full(3, 0.05))
@@ -491,6 +499,7 @@ def test_random_drives_and_contacts_have_the_sizes_asked_for(task):
     assert not np.isin(alone, values["stiffness"]).any()
 
 
+@pytest.mark.slow
 def test_a_study_of_drives_and_contacts(task):
     off = dict.fromkeys(("position", "rotation", "friction", "mass", "posture", "push"), 0.0)
     errors = Errors(**off, stiffness=(0.5, 2.0), joint_friction=1e-3)

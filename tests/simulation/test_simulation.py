@@ -47,6 +47,7 @@ def held(plan):
     return simulate(plan)
 
 
+@pytest.mark.slow
 def test_parts_are_in_the_order_of_the_plans_contacts(brisk):
     """Whatever order the plan has them in; what each part does belongs to its name."""
     task = Task.of(brisk)
@@ -119,6 +120,7 @@ def test_forces_alone_in_balance_let_the_object_turn(case, held):
     assert verdict.force_error > 0.1
 
 
+@pytest.mark.slow
 def test_tips_that_stand_for_their_links_press_less_exactly(held):
     """The paper's reading puts the tip of the axis on the point, whatever the surface around it does."""
     tips = simulate(pg.load_case("paper", SURFACE | {"motion.touch": "length"}).plan(), hold=0.1)

@@ -14,7 +14,8 @@ import own_hands
 import pinocchio as pin
 import pytest
 import trimesh
-from shipped_hands import loaded
+from marks import slow_except
+from shipped_hands import SOME_HANDS, loaded
 
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import HandModel, load_hand
@@ -95,7 +96,7 @@ def check_same(hand: HandModel, other: HandModel):
     assert np.abs(distances(hand, q, ball, at) - distances(other, q, ball, at)).max(initial=0) <= 1e-12
 
 
-@pytest.mark.parametrize("name", CATALOGUE)
+@pytest.mark.parametrize("name", slow_except(CATALOGUE, *SOME_HANDS))
 def test_every_hand_of_the_catalogue_comes_back(name):
     hand = loaded(name)
     check_same(hand, again(hand))

@@ -319,6 +319,7 @@ def test_a_hand_and_an_object(tmp_path):
     assert rows[1]["contacts"] == list(told["normal_forces_N"])
 
 
+@pytest.mark.slow
 def test_placements_are_searched_for_a_hand_without_a_place(tmp_path):
     spec = {
         "hand": "allegro_right",
@@ -427,6 +428,7 @@ def test_killed_twice_and_resumed_nothing_is_lost_or_doubled(tmp_path, often):
     assert not list((tmp_path / "out").glob(".part*"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", ["1", pytest.param("2", marks=pytest.mark.slow)])
 def test_ctrl_c_keeps_what_is_done(tmp_path, jobs):
     write(tmp_path, draws(2000))
@@ -644,6 +646,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rounds", [1, pytest.param(20, marks=pytest.mark.slow)])
 def test_writers_of_rows_that_are_killed_lose_and_double_none(tmp_path, rounds, often):
     rng, before = np.random.default_rng(rounds), 0

@@ -20,10 +20,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from marks import slow_except
 from matplotlib.image import imread
 from panda_path import JOINTS, START, WAYPOINTS
 from scipy.spatial.transform import Rotation
-from shipped_hands import loaded
+from shipped_hands import SOME_HANDS, loaded
 
 from pinograsp.carry import plan_carry
 from pinograsp.carry.scene import carry_scene
@@ -223,7 +224,7 @@ def test_friction_cones_have_the_half_angle_of_mu(mu, edges):
         assert np.allclose(sorted(rim[:, :2].round(9).tolist()), sorted(wanted.round(9).tolist()))
 
 
-@pytest.fixture(scope="module", params=CATALOGUE)
+@pytest.fixture(scope="module", params=slow_except(CATALOGUE, *SOME_HANDS))
 def drawn(request):
     """A hand of the catalogue: its name, a plan of it, what is drawn of that."""
     run = run_with(loaded(request.param))
@@ -378,6 +379,7 @@ def test_a_run_without_its_object_shows_the_hand(run):
     assert scene.object_pose is None and all(solid.link is not None for solid in scene.solids)
 
 
+@pytest.mark.slow
 def test_simulations_of_something_else_are_refused(run, simulation, tmp_path):
     with pytest.raises(InvalidInput, match="pinograsp check"):
         read_check(tmp_path)
@@ -840,6 +842,7 @@ def phone(chromium, url: str):
         context.close()
 
 
+@pytest.mark.slow
 def test_the_file_fits_a_phone(chromium, run, tmp_path):
     """The hand is seen at once, labels keep within its picture, and what is touched is as large as a thumb."""
     path = save_html(run, tmp_path / "paper.html")
@@ -945,6 +948,7 @@ def test_the_live_page_shows_collision_shapes_in_place_of_what_is_seen(chromium)
         settled(page, lambda picture: differing(picture[left], seen[left]) < 5e-3)
 
 
+@pytest.mark.slow
 def test_the_live_page_plays_and_closes(live):
     live.show(0.0)
     live.play()
