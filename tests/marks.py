@@ -8,5 +8,10 @@ import pytest
 
 
 def slow_except(values: Iterable, *quick) -> list:
-    """The values as parameters, marked slow but for those of ``quick``."""
-    return [value if value in quick else pytest.param(value, marks=pytest.mark.slow) for value in values]
+    """The values, or tuples of them, as parameters: marked slow but for those of ``quick``."""
+    return [
+        value
+        if value in quick
+        else pytest.param(*(value if isinstance(value, tuple) else [value]), marks=pytest.mark.slow)
+        for value in values
+    ]

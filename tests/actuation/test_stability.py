@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from conftest import make_contacts
+from marks import slow_except
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
@@ -203,7 +204,7 @@ def curvature(energy, size, step=2e-3):
     return found
 
 
-@pytest.mark.parametrize("kind", ["axes in the hand", "axes in the object", "balls"])
+@pytest.mark.parametrize("kind", slow_except(["axes in the hand", "axes in the object", "balls"], "axes in the object"))
 def test_fingers_that_turn_under_their_load(kind):
     """All at once: the second derivatives of the energy of springs, servos and load, without what yields."""
     rng, points, rotations, springs, forces = some_grasp(8)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import cvxpy as cp
 import numpy as np
 import pytest
+from marks import slow_except
 from panda_path import INTERVALS, JOINTS, WAYPOINTS
 
 from pinograsp.carry import ArmPath, CarryScenario, plan_carry
@@ -208,7 +209,7 @@ def test_where_no_constant_squeeze_bears_it_the_arm_goes_slower_or_says_so(arm, 
 SCENARIOS = (CarryScenario(mass=1.3), CarryScenario(mass=0.7, com=(0.0, 0.005, 0.0)), CarryScenario(mu=0.8))
 
 
-@pytest.mark.parametrize("squeeze", ["least", "constant"])
+@pytest.mark.parametrize("squeeze", slow_except(["least", "constant"], "constant"))
 def test_scenarios_cost_time_or_squeeze(arm, grasp, squeeze):
     held, options = weak(grasp, 1.6), {"intervals": 25, "squeeze": squeeze, "disturbance": 0.0}
     one = plan_carry(arm, held, WAYPOINTS, **options)

@@ -180,6 +180,7 @@ def points_on(hand, q, links, points, before):
     return np.array(moved)[:, :3]
 
 
+@pytest.mark.slow
 def test_a_grasp_of_the_hand_alone(tmp_path):
     """What an Allegro was planned to hold by itself, on an arm: the same contacts, turned with the palm."""
     robot, hand, conditions = arm_with_allegro(tmp_path), pg.load_hand("allegro_right"), pg.GraspConditions(mu=0.6)

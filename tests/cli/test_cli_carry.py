@@ -32,6 +32,7 @@ def run(grasp, command, tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_run_is_carried(command, run, no_rendering):
     way = str(run / "way.csv")
     code, out, err = command(

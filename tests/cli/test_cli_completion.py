@@ -8,6 +8,7 @@ import sys
 from typing import get_args
 
 import pytest
+from marks import slow_except
 
 from pinograsp.cli import completion
 
@@ -41,28 +42,31 @@ def folder(tmp_path):
     return tmp_path
 
 
+COMPLETIONS = [
+    (["pinograsp", "pl"], ["plan"]),
+    (["pinograsp", "plan", "--hand", "allegro"], ["allegro_left", "allegro_right"]),
+    (["pinograsp", "hands", "pan"], ["panda"]),
+    (["pinograsp", "plan", ""], ["paper", "case.yaml"]),
+    (["pinograsp", "plan", "--search", "paper"], ["paper", "paper+qp"]),
+    (["pinograsp", "plan", "--measure", ""], ["impulse", "work"]),
+    (["pinograsp", "plan", "--object", "sph"], ["sphere:radius=0.03,mass=0.2"]),
+    (["pinograsp", "plan", "paper", "--set", "friction.m"], ["friction.mu=", "friction.model="]),
+    (["pinograsp", "check", ""], ["runs/paper"]),
+    (["pinograsp", "check", "elsewhere/deep/"], ["elsewhere/deep/mine"]),
+    (["pinograsp", "check", "runs/paper", "--control", "pos"], ["position"]),
+    (["pinograsp", "export", ""], ["carries/box", "runs/paper"]),
+    (["pinograsp", "export", "runs/paper", "--command", "im"], ["impedance"]),
+    (["pinograsp", "certify", "--format", "graspn"], ["graspnet"]),
+    (["pinograsp", "certify", "--convention", "leap"], ["leap_base", "leap_mjcf"]),
+    (["pinograsp", "plan", "--out", "r"], []),  # left to the shell, which knows files
+    (["pinograsp", "plan", "--hand", "my_hand"], []),
+    (["pinograsp", "plan", "--compa"], ["--compare"]),
+]
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [
-        (["pinograsp", "pl"], ["plan"]),
-        (["pinograsp", "plan", "--hand", "allegro"], ["allegro_left", "allegro_right"]),
-        (["pinograsp", "hands", "pan"], ["panda"]),
-        (["pinograsp", "plan", ""], ["paper", "case.yaml"]),
-        (["pinograsp", "plan", "--search", "paper"], ["paper", "paper+qp"]),
-        (["pinograsp", "plan", "--measure", ""], ["impulse", "work"]),
-        (["pinograsp", "plan", "--object", "sph"], ["sphere:radius=0.03,mass=0.2"]),
-        (["pinograsp", "plan", "paper", "--set", "friction.m"], ["friction.mu=", "friction.model="]),
-        (["pinograsp", "check", ""], ["runs/paper"]),
-        (["pinograsp", "check", "elsewhere/deep/"], ["elsewhere/deep/mine"]),
-        (["pinograsp", "check", "runs/paper", "--control", "pos"], ["position"]),
-        (["pinograsp", "export", ""], ["carries/box", "runs/paper"]),
-        (["pinograsp", "export", "runs/paper", "--command", "im"], ["impedance"]),
-        (["pinograsp", "certify", "--format", "graspn"], ["graspnet"]),
-        (["pinograsp", "certify", "--convention", "leap"], ["leap_base", "leap_mjcf"]),
-        (["pinograsp", "plan", "--out", "r"], []),  # left to the shell, which knows files
-        (["pinograsp", "plan", "--hand", "my_hand"], []),
-        (["pinograsp", "plan", "--compa"], ["--compare"]),
-    ],
+    slow_except(COMPLETIONS, *COMPLETIONS[::4]),
     ids=lambda words: " ".join(words[1:]),
 )
 def test_values_complete(folder, words, expected):

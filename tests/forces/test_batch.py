@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import around_cylinder
+from marks import slow_except
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput, Status
@@ -43,7 +44,9 @@ def problems_of(friction, count, seed, balance="wrench"):
     return made
 
 
-@pytest.mark.parametrize("objective", ["work", "impulse", "least_squares", {"work": 1.0, "least_squares": 1e-3}])
+@pytest.mark.parametrize(
+    "objective", slow_except(["work", "impulse", "least_squares", {"work": 1.0, "least_squares": 1e-3}], "work")
+)
 @pytest.mark.parametrize("name", MODELS)
 def test_as_one_by_one(name, objective):
     problems = problems_of(MODELS[name], 60, 3)

@@ -8,6 +8,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from conftest import make_contacts
+from marks import slow_except
 
 import pinograsp as pg
 from pinograsp.contacts import Friction
@@ -379,7 +380,7 @@ def test_no_squeeze_on_a_line_that_does_not_press(contact_set):
         reserve_along(problem, pg.Reserve(), best, start, np.zeros(2))
 
 
-@pytest.mark.parametrize("capped", [False, True])
+@pytest.mark.parametrize("capped", slow_except([False, True], True))
 def test_squeezes_on_contacts_of_other_stiffness_are_optimal_for_another_solver(capped):
     """Loads on contacts as assumed, and on two others whose normal forces follow the planned forces."""
     free = four_on_a_ball()

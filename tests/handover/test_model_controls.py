@@ -7,6 +7,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from marks import slow_except
 
 import pinograsp as pg
 
@@ -88,7 +89,7 @@ def sent_to(plan, model, path, **settings):
     return sent, [note for note in sent.notes if "status" not in note], np.load(path / "keys.npz")
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_except(MODELS, "muscles", "integrators", "spatial tendons"))
 def test_the_model_accelerates_as_planned(plan, tmp_path, name):
     """At rest, while closing, and as it holds, where the contacts' efforts act as external ones. MuJoCo's soft friction
     and the least squares of pulling pairs leave 1e-6 of what an effort of 0.06 N m accelerates, 300 rad/s^2.
@@ -107,7 +108,9 @@ def test_the_model_accelerates_as_planned(plan, tmp_path, name):
         assert data.qacc[at] == pytest.approx(sent.ddq[i], abs=1e-3)
 
 
-@pytest.mark.parametrize("name", ["integrators", "filters", "integral gains", "muscles", "damping and dry friction"])
+@pytest.mark.parametrize(
+    "name", slow_except(["integrators", "filters", "integral gains", "muscles", "damping and dry friction"], "filters")
+)
 def test_the_model_closes_as_planned(plan, tmp_path, name):
     """Played from the keyframe: within a hundredth of the way, where a setpoint that lags is off by a tenth and more."""
     text = MODELS[name]

@@ -180,6 +180,7 @@ def test_decelerations_and_caps_of_a_case():
         load_case("paper", {"limits.deceleration": {"sampled": [1, -1]}}).make_problem(load_case("paper").load_hand())
 
 
+@pytest.mark.slow
 def test_what_is_not_proven_is_not_called_infeasible(hand, make_problem, monkeypatch):
     problem = make_problem(balance="wrench", measure="impulse")
     monkeypatch.setattr(global_optimum, "_MOST", 0)

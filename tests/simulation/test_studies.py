@@ -513,6 +513,7 @@ def test_where_a_log_grows_too_large_its_trials_stay(tmp_path):
     assert trials_in(path) == list(range(int(kept) + 1))
 
 
+@pytest.mark.slow
 def test_on_a_full_disk_the_trials_are_kept_and_resumed(task, study, small_disk):
     disk, file = small_disk(8), study[0] / "monte_carlo.jsonl"  # a page for the trials, and one that is taken
     (disk / "ballast").write_bytes(bytes(4096))

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from marks import slow_except
 from swinging_shape import CENTRE, SHAPES, engine, pose, width
 
 import pinograsp as pg
@@ -122,7 +123,7 @@ def test_flat_areas_touch_at_their_corners_as_deep_as_they_are(bar, shape, lying
     np.testing.assert_allclose(found.depth, down + tilt * lever, atol=2e-8)
 
 
-@pytest.mark.parametrize("shape", sorted(SHAPES))
+@pytest.mark.parametrize("shape", slow_except(sorted(SHAPES), min(SHAPES)))
 @pytest.mark.no_cover
 def test_where_a_surface_is_that_of_a_box_so_are_the_overlaps(bar, shape):
     """The bar against the box that it is but for its arm, whose overlaps MuJoCo finds: flat areas, edges and corners."""

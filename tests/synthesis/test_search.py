@@ -16,6 +16,7 @@ import own_hands
 import pinocchio as pin
 import pytest
 import trimesh
+from marks import slow_except
 from scipy.optimize import linprog
 
 from pinograsp.contacts import PALM, Friction, clearance
@@ -104,7 +105,7 @@ def test_quality_is_what_the_weakest_direction_withstands(found):
     assert 0 < grasp.quality <= least * 1.01
 
 
-@pytest.mark.parametrize("name", ["allegro_left", "psyonic_right", "talos_left", "panda"])
+@pytest.mark.parametrize("name", slow_except(["allegro_left", "psyonic_right", "talos_left", "panda"], "panda"))
 @pytest.mark.no_cover
 def test_what_is_found_closes_by_force(name):
     """Any disturbance can be borne, not the weight alone: no cradle."""
@@ -189,9 +190,9 @@ def test_hands_with_coupled_joints_are_placed():
 @pytest.mark.parametrize(
     "name, shape",
     [
-        # One thing for each hand; the others take minutes.
+        # One thing for two of the hands; the others take minutes.
         pytest.param(name, shape, marks=[] if shape == quick else [pytest.mark.slow])
-        for name, quick in zip(own_hands.HANDS, ("sphere", "cylinder", "cylinder"))
+        for name, quick in zip(own_hands.HANDS, ("", "cylinder", "cylinder"))
         for shape in ("cylinder", "box", "sphere")
     ],
 )
@@ -229,7 +230,7 @@ def test_wrapped_grasps_rest_on_the_palm():
         assert clearance(one.closure.hand, pen, one.closure.q) > -1e-6
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", slow_except([1, 2], 2))
 def test_objects_of_ones_own_class_are_placed(jobs):
     class Ball(Sphere):
         """No module knows it by name."""
@@ -239,6 +240,7 @@ def test_objects_of_ones_own_class_are_placed(jobs):
     assert all(type(one.closure.object) is Ball for one in search.grasps)
 
 
+@pytest.mark.slow
 def test_no_grasp_says_why(allegro):
     heavy = Cylinder(radius=0.03, height=0.1, mass=500.0)
     search = find_grasps(allegro, heavy, count=3, jobs=1, **SETTINGS)
@@ -309,11 +311,13 @@ def test_errors_of_samples_are_one_message(jobs):
     assert told.value.__cause__ is None and "joblib" not in str(told.value)
 
 
+@pytest.mark.slow
 def test_lost_processes_are_one_message():
     with pytest.raises(PinograspError, match="process of the search was lost"):
         find_grasps(load_hand("panda"), Deadly(radius=0.02, mass=0.1), count=4, jobs=2, **SETTINGS)
 
 
+@pytest.mark.slow
 @pytest.mark.no_cover
 def test_effort_limits_mean_the_same_everywhere():
     """Joints without one are not limited, and named."""
