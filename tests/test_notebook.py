@@ -91,11 +91,13 @@ def ball_mesh():
     return pg.Mesh(vertices=shape.vertices, faces=shape.faces, mass=0.2)
 
 
+@pytest.mark.slow
 def test_every_record_is_short_in_a_list(records):
     for record in records:
         assert len(repr(record)) <= LONGEST and "\n" not in repr(record), type(record)
 
 
+@pytest.mark.slow
 def test_texts_of_records_are_readable(records):
     for record in records:
         lines = str(record).splitlines()
@@ -124,6 +126,7 @@ def test_no_public_record_prints_its_arrays():
     assert not found
 
 
+@pytest.mark.slow
 def test_texts_say_the_answer_first(records, paper_plan):
     plan = next(one for one in records if isinstance(one, pg.GraspPlan))
     first, second, *rest = str(plan).splitlines()
@@ -135,6 +138,7 @@ def test_texts_say_the_answer_first(records, paper_plan):
     assert str(paper_plan.solution).splitlines()[1:2] == str(paper_plan).splitlines()[1:2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["HandModel", "Closure", "Simulation", "CarryPlan"])
 def test_a_record_has_one_text(records, kind):
     record = next(one for one in records if type(one).__name__ == kind)
@@ -169,6 +173,7 @@ class Page(HTMLParser):
         return " ".join(self.texts)
 
 
+@pytest.mark.slow
 def test_notebooks_show_pictures_and_figures(records, paper_plan):
     shown = {type(one).__name__: Page(one._repr_html_()) for one in records if hasattr(one, "_repr_html_")}
     shown["GridSolution"] = Page(paper_plan.solution._repr_html_())

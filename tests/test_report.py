@@ -281,6 +281,7 @@ def test_the_page_takes_in_its_own_figures_alone(tmp_path):
     assert Page(text).links == ["data:image/png;base64," + base64.b64encode(b"mine").decode()]
 
 
+@pytest.mark.slow
 def test_figures_show_names_as_they_are(run, tmp_path, no_rendering):
     for name in ("$\\frac{1}{0}$", "_left_out", "../../up", "a\x00b", "x" * 3000, "", "\u202egnp"):
         changed = with_thumb(run, name)

@@ -61,7 +61,10 @@ def grasp(arm):
     return pg.plan_grasp_on(arm, box, pg.GraspConditions(mu=0.6, reserve=None), progress=False)
 
 
-@pytest.mark.parametrize("way", [(2.5, 3.6), (-2.0, -5.0), (0.0, 4 * np.pi), (7.5, 6.0)])
+@pytest.mark.parametrize(
+    "way",
+    [(2.5, 3.6), *(pytest.param(way, marks=pytest.mark.slow) for way in ((-2.0, -5.0), (0.0, 4 * np.pi), (7.5, 6.0)))],
+)
 def test_a_continuous_joint_goes_as_far_as_the_path(arm, grasp, way):
     """As with limits that are far away, and no faster than its speed allows."""
     free = replace(arm, continuous=()).with_limits({"turn": (-20.0, 20.0)})

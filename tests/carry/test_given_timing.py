@@ -74,6 +74,7 @@ def test_faster_is_the_same_way_in_less_time():
         np.testing.assert_allclose(fast, slow * 2**order, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_smoothed_plan_keeps_to_the_limits(arm, carried, smoothed):
     moving = [arm.joint_names.index(joint) for joint in JOINTS]
     assert carried.fastest == pytest.approx(smoothed.fastest)
@@ -177,6 +178,7 @@ def test_a_constant_squeeze_is_the_least_that_bears_all(arm, grasp):
     assert (plan.commanded[0] ** 2).sum() == pytest.approx(value, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_slow_squeeze_changes_slowly_and_lies_between(arm, grasp):
     options = {"intervals": 25, "disturbance": 0.0}
     constant = plan_carry(arm, grasp, WAYPOINTS, squeeze="constant", **options)

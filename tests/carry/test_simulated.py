@@ -47,6 +47,7 @@ def test_a_slow_carry_is_held(arm, slow, seen):
     assert np.linalg.norm(in_palm[1, :3, 3] - in_palm[0, :3, 3]) == pytest.approx(seen.verdict.drift, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_arm_is_where_its_path_says(slow, seen):
     start = seen.times[-1] - 0.3 - LETTING_GO - slow.duration
     arm = [slow.robot.joint_names.index(joint) for joint in JOINTS]
@@ -69,6 +70,7 @@ def test_on_ice_it_is_lost(slow):
     assert any("slipped" in cause or "opened" in cause for cause in lost.verdict.causes)
 
 
+@pytest.mark.slow
 def test_a_push_on_the_way_comes_after_a_shorter_hold(slow):
     """As hard as the weight five times over, once the arm moves: the hand is not asked for that."""
     push = Push(wrench_o=[0.0, 0.0, -10.0, 0.0, 0.0, 0.0], start=0.4, duration=0.1)
@@ -78,6 +80,7 @@ def test_a_push_on_the_way_comes_after_a_shorter_hold(slow):
         simulate_carry(slow, time_step=STEP, hold=0.1, disturbance=Disturbance(pushes=(replace(push, start=9.0),)))
 
 
+@pytest.mark.slow
 def test_three_times_as_fast_as_planned_it_is_lost(arm, smoothed):
     """The hand squeezes as for the plan, and the motors of the arm have no limits."""
     quick = replace(

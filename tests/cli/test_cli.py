@@ -141,6 +141,7 @@ def test_searches_and_solvers(command, search, solver):
     assert document["residual_N"] <= (1e-9 if search == "hybrid" else 0.1)
 
 
+@pytest.mark.slow
 def test_a_case_file_of_ones_own(command, tmp_path):
     """A URDF beside the case file, two fingers, a sphere; no table of the paper."""
     (tmp_path / "lab").mkdir()
@@ -388,6 +389,7 @@ def loaded_once(monkeypatch):
     monkeypatch.setattr("pinograsp.hands.summary.overview", listed)
 
 
+@pytest.mark.slow
 def test_the_catalogue_of_hands(command, loaded_once):
     from pinograsp.hands.catalogue import CATALOGUE
 
@@ -517,6 +519,7 @@ def test_quiet_and_verbose(command, loaded_once):
     assert "Traceback" not in command("plan", "nothing_like_it")[2]  # not kept from call to call
 
 
+@pytest.mark.slow
 def test_a_search_that_finds_no_placement_is_no_grasp(command):
     code, out, err = command(
         "plan", "--hand", "panda", "--object", "sphere:radius=0.5,mass=1", "--samples", "1", "--json"

@@ -24,6 +24,7 @@ def run(command, tmp_path):
     return load_run(tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_each_file_is_what_the_same_call_in_python_writes(command, run, tmp_path):
     code, out, err = command(
         *("export", "run", "--csv", "a.csv", "--ros2", "a.json", "--mujoco", "a.xml"),
@@ -40,6 +41,7 @@ def test_each_file_is_what_the_same_call_in_python_writes(command, run, tmp_path
         ).read_text()
 
 
+@pytest.mark.slow
 def test_starts_goals_and_scenes(command, run, tmp_path):
     start = run.motion.q[0] + 0.05 * np.sign(run.hand.lower + run.hand.upper - 2 * run.motion.q[0])
     told = ",".join(map(repr, start.tolist()))
@@ -57,6 +59,7 @@ def test_starts_goals_and_scenes(command, run, tmp_path):
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml")).nu >= run.hand.n
 
 
+@pytest.mark.slow
 def test_options_that_cannot_be(command, run, tmp_path):
     (tmp_path / "here.csv").write_text("mine")
     for arguments, message in (

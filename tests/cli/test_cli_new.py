@@ -31,6 +31,7 @@ def test_a_case_runs_as_it_is(command, tmp_path):
     assert told["status"] == "ok" and told["folder"].endswith("my_grasp")
 
 
+@pytest.mark.slow
 def test_a_sweep_runs_as_it_is(command, tmp_path):
     code, out, _ = command("new", "my sweep.yaml", "--sweep")
     assert code == 0 and "pinograsp sweep 'my sweep.yaml'" in out

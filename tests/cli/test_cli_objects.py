@@ -65,6 +65,7 @@ def test_plan_from_hand_and_object(command, tmp_path):
     assert (tmp_path / "run" / "report.md").is_file() and (tmp_path / "run" / "plan.npz").is_file()
 
 
+@pytest.mark.slow
 def test_a_plan_with_a_reserve(command, tmp_path):
     ball = ["--hand", "allegro_right", "--object", "sphere:radius=0.035,mass=0.1", "--at", "0.06,0,0.06", "--wrap"]
     code, out, err = command("plan", *ball, "--reserve", "disturbance=0.3, mass=0", "--out", "run", "--json")
@@ -134,6 +135,7 @@ def test_plan_takes_a_case_or_a_hand_with_an_object(command):
     assert code == 2 and "--set changes a case" in err
 
 
+@pytest.mark.slow
 def test_a_plan_with_a_remark_is_a_plan(command):
     """Jaws on one actuator cannot press unequally deep: the closest motion is written, said, and no failure."""
     box = ("--object", "box:size=0.03x0.03x0.08,mass=0.1")

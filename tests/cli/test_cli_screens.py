@@ -99,7 +99,9 @@ def test_the_first_screens_of_other_commands(planned, tmp_path):
     assert code == 0 and fits(lines) and "12 of 12 rows" in " ".join(lines[lines.index("") :])
 
 
-@pytest.mark.parametrize("arguments", [["hands", "panda"], ["bench", "--contacts", "3"]])
+@pytest.mark.parametrize(
+    "arguments", slow_except([["hands", "panda"], ["bench", "--contacts", "3"]], ["hands", "panda"])
+)
 def test_screens_end_with_an_answer(tmp_path, arguments):
     code, lines = on_a_terminal(tmp_path, *arguments)
     assert code == 0 and fits(lines) and "?  " in " ".join(lines[lines.index("") :])

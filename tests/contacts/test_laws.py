@@ -158,7 +158,8 @@ def test_tables_that_are_no_law_are_refused(depths, forces):
         MeasuredCompliance(depths=depths, forces=forces)
 
 
-@pytest.mark.parametrize("law", [Foam(), pytest.param(TABLE, marks=pytest.mark.slow)], ids=["foam", "table"])
+@pytest.mark.slow
+@pytest.mark.parametrize("law", [Foam(), TABLE], ids=["foam", "table"])
 def test_a_law_of_ones_own_plans_is_stored_and_is_simulated(law, paper_case, hand, make_problem, tmp_path):
     friction = pg.Friction(model="cone", safety=1.3)  # forces on the edge of friction would creep
     problem = make_problem(balance="wrench", compliance=law, friction=friction, measure="impulse")

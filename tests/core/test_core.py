@@ -74,7 +74,7 @@ def test_the_dual_newton_method(model, objective, k):
 
 
 @pytest.mark.parametrize("objective", SOME_OBJECTIVES, ids=str)
-@pytest.mark.parametrize("limited", [False, True])
+@pytest.mark.parametrize("limited", slow_except([False, True], True))
 @pytest.mark.parametrize("model", MODELS)
 def test_interior_points(model, limited, objective):
     compared = 0

@@ -370,6 +370,7 @@ def run_python(script, folder, **environment):
     return done
 
 
+@pytest.mark.slow
 def test_bulk_in_threads_forks_and_pools(tmp_path):
     """What follows several calls at once, or a fork, is what one call gives."""
     assert run_python(IN_PROCESSES, tmp_path).stdout.split() == ["True", "True", "8", "0"]

@@ -42,8 +42,8 @@ from pinograsp.spatial import rotation_rpy
 
 # Named, since "auto" depends on what has been loaded. The compiled methods are an extra.
 SOLVERS = ("default", "newton", "interior") if core.is_installed() else ("default",)
-# The other two models take the same ways through the code, and their time: slow.
-SOME_FAMILIES = slow_except(FAMILIES, "pyramid", "cone")
+# The other models take the same ways through the code, and their time: slow.
+SOME_FAMILIES = slow_except(FAMILIES, "cone")
 
 
 def judged(grasp, solver, expectation):
@@ -415,6 +415,7 @@ def test_weights_scale_the_objective_only(seed):
     same_cost(found, grasp.problem, replace(grasp, objective=tenfold), factor=10.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(seeds)
 @pytest.mark.no_cover

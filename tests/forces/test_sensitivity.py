@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from conftest import around_cylinder
+from marks import slow_except
 
 import pinograsp as pg
 from pinograsp.contacts import ContactSet
@@ -66,7 +67,7 @@ def differences(make, objective, size=STEP):
 
 
 @pytest.mark.parametrize("objective", ["least_squares", {"work": 1.0, "least_squares": 1e-3}, "work"])
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_except(MODELS, "cone"))
 def test_derivatives_are_the_limits_of_differences(name, objective):
     checked = 0
     for seed, balance in ((1, "wrench"), (2, "wrench"), (3, "force")):

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 import yourdfpy
+from marks import slow_except
 from PIL import Image
-from shipped_hands import loaded
+from shipped_hands import SOME_HANDS, loaded
 
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import load_hand
@@ -64,7 +65,7 @@ def test_a_hand_of_ellipsoids_is_seen_as_they_are():
     assert len(hand.visuals) == 19 and {one.kind for one in hand.visuals} == {"ellipsoid"}
 
 
-@pytest.mark.parametrize("name", list(CATALOGUE))
+@pytest.mark.parametrize("name", slow_except(CATALOGUE, *SOME_HANDS))
 def test_all_meshes_of_the_catalogue_are_read(name):
     visuals = loaded(name).visuals
     meshes, problems = meshes_of(visuals, 60_000)

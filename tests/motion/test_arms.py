@@ -41,8 +41,8 @@ def grasp(mounted, gravity_o):
     ("mounted", "gravity_o"),
     [
         (UPRIGHT, (0.0, 0.0, -9.81)),
-        (UPRIGHT, (9.81, 0.0, 0.0)),
-        (HANGING, (0.0, 0.0, -9.81)),
+        pytest.param(UPRIGHT, (9.81, 0.0, 0.0), marks=pytest.mark.slow),
+        pytest.param(HANGING, (0.0, 0.0, -9.81), marks=pytest.mark.slow),
         (TILTED, (0.0, -6.0, 7.0)),
     ],
 )
@@ -74,6 +74,7 @@ def test_the_arm_holds_hand_and_object(mounted, gravity_o):
     assert np.abs(motion.holding_torques[:7] - alone[:7]).max() > 0.5  # what the object adds
 
 
+@pytest.mark.slow
 def test_an_arms_grasp_is_kept_and_simulated(tmp_path):
     hand, plan = grasp(UPRIGHT, (0.0, 0.0, -9.81))
     again = pg.load_run(pg.save_run(plan, tmp_path / "run"))
@@ -87,6 +88,7 @@ def between_jaws(hand):
     return pg.Box(size=(0.04, 0.04, 0.05), mass=MASS).place(between)
 
 
+@pytest.mark.slow
 def test_an_arm_stays_where_it_is_told_once(tmp_path):
     """Said when the hand is loaded, in all that is planned, simulated, drawn and kept; against the torques that an arm
     holds its gravity and an object welded to it with.

@@ -95,6 +95,7 @@ def test_plans_of_jaws_are_what_they_can_press(jaws):
     assert np.abs(together.rows @ depths).max() < 1e-6 * depths.max()
 
 
+@pytest.mark.slow
 def test_forces_that_the_hand_cannot_make_are_told(jaws):
     """Turned about its jaws' line the box needs unequal corners, more than a shift may give."""
     pose = np.eye(4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from marks import slow_except
 
 from pinograsp.contacts import Contact, ContactSet
 from pinograsp.hands import load_hand
@@ -67,7 +68,7 @@ def check(name, count, seed):
                 assert np.all(angles >= hand.lower[dofs] - 1e-9) and np.all(angles <= hand.upper[dofs] + 1e-9)
 
 
-@pytest.mark.parametrize("name", HANDS)
+@pytest.mark.parametrize("name", slow_except(HANDS, "humanoid", "panda"))
 @pytest.mark.no_cover
 def test_random_contacts_come_back(name):
     check(name, 15, 1)

@@ -31,6 +31,7 @@ def with_weak_motors(grasp):
     return replace(grasp, closure=replace(grasp.closure, hand=replace(grasp.closure.hand, model=model)))
 
 
+@pytest.mark.slow
 def test_the_best_grasp_that_can_be_planned_is(found):
     plan = plan_best(found, CONDITIONS, progress=False)
     assert plan.forces.status is Status.OK and plan.closure is not None
@@ -58,6 +59,7 @@ def test_links_that_press_without_a_contact_are_told(found):
     assert find_overlaps(plan.hand, plan.body, left, plan.closure.q, allowed=1e-5) == ()
 
 
+@pytest.mark.slow
 def test_what_is_taken_was_simulated_where_asked(found):
     plain, checked = (plan_best(found, CONDITIONS, progress=False, check=check) for check in (False, True))
     assert not any(note.startswith("simulated (") for note in plain.notes)

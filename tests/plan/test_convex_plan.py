@@ -75,6 +75,7 @@ def test_torque_limits_of_a_plan_hold_at_the_end():
     assert effort.forces.work == pytest.approx(free.forces.work, rel=1e-6)  # 2 N m do not bind
 
 
+@pytest.mark.slow
 @pytest.mark.no_cover
 def test_motor_heat_is_least_for_its_own_objective():
     settings = {**CONVEX, "friction.model": "cone"}
@@ -115,6 +116,7 @@ def test_infeasible_plan_says_why(hand, make_problem):
     assert caught.value.solution.infeasibility.margin > 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_rendering")
 def test_command_finds_the_certified_optimum(command, tmp_path):
     code, out, err = command(

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import own_hands
 import pytest
+from marks import slow_except
 from shipped_hands import loaded
 
 import pinograsp as pg
@@ -48,6 +49,7 @@ def told(plan, words):
 # -- limits of jaws ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_pandas_jaws_press_with_what_their_maker_says():
     """With 55 and 67 N each: the maker allows 70 N. Not with 73 N."""
     for force in (55.0, 67.0):
@@ -58,7 +60,7 @@ def test_the_pandas_jaws_press_with_what_their_maker_says():
         squeezed(loaded("panda"), 73.0, 0.1034)
 
 
-@pytest.mark.parametrize("effort", [12.0, 235.0])
+@pytest.mark.parametrize("effort", slow_except([12.0, 235.0], 12.0))
 def test_each_of_two_jaws_presses_with_its_own_effort(tmp_path, effort):
     hand = gripper(tmp_path, effort)
     assert squeezed(hand, 0.85 * effort).forces.normal_forces.sum() == pytest.approx(2 * 0.85 * effort, rel=1e-3)

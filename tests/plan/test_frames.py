@@ -85,6 +85,7 @@ def test_a_plan_is_certified_where_it_says_that_the_hand_is(plan):
     assert not pg.certify(pg.load_hand("panda"), here, [plan.closure.q], conditions, roots=[other]).held.any()
 
 
+@pytest.mark.slow
 def test_simulations_tell_the_frame_of_the_file(plan, simulations):
     ours, centred = simulations
     assert ours.verdict.held and centred.verdict.held

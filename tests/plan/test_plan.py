@@ -122,6 +122,7 @@ def run(plan):
     return plan.with_margins().with_reach()
 
 
+@pytest.mark.slow
 def test_fresh_and_stored_plans_do_the_same(plan, tmp_path, no_rendering):
     """Files for controllers, figures and pages; a stored plan is saved again as it was."""
     back = pinograsp.load_run(pinograsp.save_run(plan, tmp_path / "run"))

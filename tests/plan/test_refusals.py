@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 
 import pytest
+from marks import slow_except
 from own_hands import joint, link, robot
 
 import pinograsp as pg
@@ -54,7 +55,7 @@ CULPRITS = {
 }
 
 
-@pytest.mark.parametrize("name", CULPRITS)
+@pytest.mark.parametrize("name", slow_except(CULPRITS, "friction"))
 def test_the_one_thing_that_was_spoilt_is_named_with_a_figure_that_does(held, name):
     """Everything else is as in a plan that is ok."""
     spoilt, pattern, argument = CULPRITS[name]
@@ -71,6 +72,7 @@ def test_the_one_thing_that_was_spoilt_is_named_with_a_figure_that_does(held, na
     assert refused.value.remedy and "Raise" not in refused.value.remedy
 
 
+@pytest.mark.slow
 def test_two_limits_in_the_way_together_are_told_together(held):
     with pytest.raises(GraspInfeasible) as refused:
         plan_grasp_on(*held(effort=0.8, max_normal_force=0.4))
@@ -80,6 +82,7 @@ def test_two_limits_in_the_way_together_are_told_together(held):
     assert plan.status is Status.OK
 
 
+@pytest.mark.slow
 def test_a_search_names_what_keeps_all_of_its_samples_from_holding(held):
     hand, bar, conditions = held(effort=0.3)
     search = {"count": 4, "seed": 5, "jobs": 1, "progress": False}
@@ -93,6 +96,7 @@ def test_a_search_names_what_keeps_all_of_its_samples_from_holding(held):
     assert plan_best(again, enough, progress=False).status.exit_code == 0
 
 
+@pytest.mark.slow
 def test_of_several_grasps_it_is_told_of_how_many_it_is_proven(held):
     """Found with a reserve that they withstand, planned with one that they do not."""
     hand, bar, conditions = held()

@@ -38,6 +38,7 @@ def plan(closure):
     return planned(closure, Reserve()).with_margins()
 
 
+@pytest.mark.slow
 def test_a_plan_bears_its_reserve(closure, plan):
     assert plan.status is Status.OK and plan.forces.search == "robust"
     assert plan.forces.certificate.relative_gap <= 1e-6 and plan.forces.residual_force < 1e-9

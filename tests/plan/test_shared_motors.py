@@ -63,6 +63,7 @@ def test_a_spring_can_make_up_for_it(chuck):
     assert "on the way" in told  # where the spring is not yet stretched
 
 
+@pytest.mark.slow
 def test_a_motor_that_is_too_weak(chuck):
     force = abs(plan_of(chuck).motion.holding_torques).mean()
     with pytest.raises(NoGrasp):

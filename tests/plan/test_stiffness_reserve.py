@@ -46,6 +46,7 @@ def least_margin(plan, normal_forces):
     return min(disturbance_margin(problem, one, normal_forces=normal_forces, reaction="elastic") for one in push)
 
 
+@pytest.mark.slow
 def test_the_reserve_is_borne_at_both_ends(bare, plan):
     """On softer contacts the default squeeze lacks its reserve; that which is planned for them has it."""
     assert plan.status is Status.OK and plan.forces.certificate.relative_gap <= 1e-6
@@ -74,6 +75,7 @@ def test_torque_control_needs_no_more_on_other_contacts():
     assert plan.forces.normal_forces == pytest.approx(bare.forces.normal_forces, rel=0.01)
 
 
+@pytest.mark.slow
 def test_stiffness_that_no_squeeze_bears_is_told():
     with pytest.raises(GraspUndecided, match="servos of 500 to 500 N m/rad") as refused:
         planned(500.0, pg.Reserve(softer=1.0, stiffer=1000.0))

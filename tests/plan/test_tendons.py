@@ -167,6 +167,7 @@ def test_tendons_that_cannot_make_the_torques(pair, free):
     assert "left_tendon" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_one_motor_for_two_fingers_with_springs_in_their_tips(pair, free):
     own, q = torques(free), dict(zip(pair.joint_names, free.closure.q))
     motor = Drive(name="motor", joints=("left_1", "right_1"), arms=(own["left_1"], own["right_1"]))

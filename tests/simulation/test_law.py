@@ -55,6 +55,7 @@ def test_friction_sticks_then_slips_and_says_where_the_energy_goes():
     assert made.slip[0] == pytest.approx(0.01 * steps * dt - MU * normal / KT, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_soft_fingers_twist_up_to_their_limit():
     forces = make_forces([1], torsion=5e-3)
     for _ in range(5000):

@@ -112,6 +112,7 @@ def test_dropped_at_once_it_still_holds(plan):
     assert simulate(plan, letting_go=0.0).verdict.held
 
 
+@pytest.mark.slow
 @pytest.mark.no_cover
 def test_forces_alone_in_balance_let_the_object_turn(case, held):
     forces_only = pg.load_case("paper", SURFACE | {"forces.balance": "force"}).plan()
@@ -130,6 +131,7 @@ def test_tips_that_stand_for_their_links_press_less_exactly(held):
 # -- prescribed motion -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_prescribed_joints_press_with_the_planned_forces(plan):
     simulation = simulate(plan, mode="prescribed", release=False, hold=0.0)
     order = [simulation.parts.index(name) for name in plan.problem.contacts.names]
@@ -185,10 +187,10 @@ def test_what_is_too_much_is_lost(brisk, wrong):
 @pytest.mark.parametrize(
     "wrong",
     [
-        Disturbance(mu=0.6),
-        Disturbance(mass_factor=1.05),
+        pytest.param(Disturbance(mu=0.6), marks=pytest.mark.slow),
+        pytest.param(Disturbance(mass_factor=1.05), marks=pytest.mark.slow),
         Disturbance(pushes=(Push(wrench_o=[0, 0, -0.5, 0, 0, 0]),)),
-        Disturbance(shake=[0, 0.3, 0]),
+        pytest.param(Disturbance(shake=[0, 0.3, 0]), marks=pytest.mark.slow),
         Disturbance(object_offset=[2e-4, 0, 0], object_turn=[0, 0, 0.01]),
         Disturbance(start_error=np.full(20, 0.02)),
     ],
@@ -223,6 +225,7 @@ def test_mujoco_has_the_same_hand(name):
     assert data.ncon == 0 or not data.efc_force.any()
 
 
+@pytest.mark.slow
 @pytest.mark.no_cover
 def test_coupled_joints_stay_coupled_and_energy_is_kept():
     hand = pg.load_hand("psyonic_left", hulls=True)
@@ -300,6 +303,7 @@ def test_numbers_out_of_hand_are_no_verdict(brisk):
         simulate(brisk, disturbance=huge, mode="prescribed", hold=0.2, time_step=1e-3)
 
 
+@pytest.mark.slow
 def test_the_weight_of_an_object_that_the_plan_does_not_know_counts_once(brisk):
     blind = replace(brisk, body=None, body_mass=0.0)
     known, told = simulate(brisk, hold=0.1), simulate(blind, hold=0.1, body=brisk.body)
@@ -423,6 +427,7 @@ def test_naive_closing_runs_straight_from_rest_to_rest(plan):
 # -- folders, commands, errors -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_run_folder_gives_the_same_simulation(brisk, tmp_path):
     folder = pg.save_run(brisk, tmp_path / "run")
     one, other = simulate(brisk, hold=0.05), simulate(folder, hold=0.05)
@@ -430,6 +435,7 @@ def test_a_run_folder_gives_the_same_simulation(brisk, tmp_path):
     assert other.parts == one.parts
 
 
+@pytest.mark.slow
 def test_check_writes_a_verdict_with_figures(command, brisk, tmp_path):
     folder = pg.save_run(brisk, tmp_path / "run")
     code, out, _ = command("check", str(folder), "--hold", "0.3", "--time-step", "1e-3")

@@ -289,6 +289,7 @@ def test_files_of_others_are_left_alone(task, tmp_path):
         monte_carlo(task, folder=tmp_path / "file" / "inside", **QUICK)
 
 
+@pytest.mark.slow
 def test_without_errors_every_trial_is_the_undisturbed_run(plan):
     calm = simulate(plan, **STUDY).verdict
     none = monte_carlo(plan, count=2, errors=Errors(**OFF), jobs=1, **STUDY)
@@ -476,6 +477,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rounds", [1, pytest.param(20, marks=pytest.mark.slow)])
 def test_writers_of_trials_that_are_killed_lose_and_double_none(tmp_path, rounds, often):
     path, rng = tmp_path / "log.jsonl", np.random.default_rng(rounds)

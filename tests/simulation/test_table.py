@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from marks import slow_except
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput
@@ -78,7 +79,7 @@ def plan():
     return pg.plan_grasp_on(pg.load_hand("panda"), body, conditions)
 
 
-@pytest.mark.parametrize("support", SUPPORTS)
+@pytest.mark.parametrize("support", slow_except(SUPPORTS, SUPPORTS[0]))
 def test_a_grasp_holds_whatever_bore_the_object_before(plan, support):
     seen = simulate(plan, support=support, hold=0.25, time_step=5e-4)
     assert seen.verdict.held and seen.verdict.force_error < 0.1
@@ -89,6 +90,7 @@ def test_a_grasp_holds_whatever_bore_the_object_before(plan, support):
     assert any("until the grasp" in note or "nothing but" in note for note in seen.notes) == (support != "fixed")
 
 
+@pytest.mark.slow
 def test_without_any_support_it_falls_where_nothing_holds_it(plan):
     seen = simulate(plan, support="none", hold=0.4, time_step=5e-4, disturbance=pg.simulation.Disturbance(mu=0.0))
     falling = (seen.times > seen.release) & (seen.times < plan.forces.impact_time + 0.05)
@@ -97,6 +99,7 @@ def test_without_any_support_it_falls_where_nothing_holds_it(plan):
     assert not seen.verdict.held
 
 
+@pytest.mark.slow
 def test_a_hit_on_the_way_shows_on_the_table_alone(plan):
     """Jaws that start half closed and off the middle push a box that stands freely, and one that is fixed not."""
     beside = pg.simulation.Disturbance(object_offset=[0, 0.012, 0])

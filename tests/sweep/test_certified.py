@@ -75,6 +75,7 @@ def data_of(world, files=None, **more):
     )
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_one_call(world, tmp_path):
     done = certify_files(data_of(world, joints=None), tmp_path / "out", CONDITIONS, jobs=1, progress=False)
     assert not done.faults, done.faults

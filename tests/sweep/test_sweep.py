@@ -104,6 +104,7 @@ def test_all_draws_at_every_point_of_a_grid():
     )
 
 
+@pytest.mark.slow
 def test_rows_are_single_plans(grid):
     table = grid.table()
     assert (grid.rows, grid.done, grid.counts, grid.interrupted) == (6, 6, {"ok": 6}, False)
@@ -227,6 +228,7 @@ def test_kinds_of_columns():
     ] == ["whole", "number", "flag", "text", "numbers", "json", "json", "json", "json"]
 
 
+@pytest.mark.slow
 def test_forces_alone_in_bulk(tmp_path):
     spec = {
         "case": "paper",

@@ -116,6 +116,7 @@ def test_what_is_found_closes_by_force(name):
     assert closed and search.best.quality > 0.1
 
 
+@pytest.mark.slow
 def test_sizes_that_no_hand_opens_to_are_named(allegro):
     search = find_grasps(allegro, Sphere(radius=40.0, density=1.0), count=2, jobs=1, **SETTINGS)
     with pytest.raises(
@@ -190,9 +191,9 @@ def test_hands_with_coupled_joints_are_placed():
 @pytest.mark.parametrize(
     "name, shape",
     [
-        # One thing for two of the hands; the others take minutes.
+        # One thing for one of the hands; the others take minutes.
         pytest.param(name, shape, marks=[] if shape == quick else [pytest.mark.slow])
-        for name, quick in zip(own_hands.HANDS, ("", "cylinder", "cylinder"))
+        for name, quick in zip(own_hands.HANDS, ("", "", "cylinder"))
         for shape in ("cylinder", "box", "sphere")
     ],
 )
@@ -478,6 +479,7 @@ def test_contacts_where_links_are_hollow_come_last_and_are_told(monkeypatch):
     assert ranks == sorted(ranks, reverse=True)
 
 
+@pytest.mark.slow
 def test_fingers_that_are_not_mirror_images_hold_a_box():
     """Both fingers of this hand bend the same way: they oppose each other where one is further on its way."""
     body = Box(size=(0.037, 0.037, 0.098), mass=0.04)

@@ -109,6 +109,7 @@ def test_hands_keep_above_the_table(found):
     assert planned
 
 
+@pytest.mark.slow
 def test_plans_that_go_through_the_table_say_so(found):
     """Without a table hands reach round a flat box: told to keep above one, the plan names link, time and depth."""
     through = [
@@ -123,6 +124,7 @@ def test_plans_that_go_through_the_table_say_so(found):
     assert any("hits the table on the way, at" in note for note in plan.motion.notes)
 
 
+@pytest.mark.slow
 def test_the_command_takes_it(command, tmp_path, no_rendering):
     options = ("--object", "box:size=0.04x0.04x0.06,mass=0.1", "--samples", "8", "--table", "--json")
     code, out, _ = command("plan", "--hand", "panda", *options, "--out", str(tmp_path / "run"))

@@ -38,6 +38,7 @@ def test_jaws_hold_a_bar_at_the_given_end(end):
         assert ((at >= within[0]) & (at <= within[1])).all()
 
 
+@pytest.mark.slow
 def test_fingers_that_would_touch_elsewhere_stay_open():
     hand = load_hand("allegro_right")
     bar = Cylinder(radius=0.02, height=0.2, mass=0.1)
@@ -95,6 +96,7 @@ def test_boxes_that_cannot_be_used(within, message):
         find_grasps(load_hand("panda"), bar, CONDITIONS, within=within, count=4, jobs=1, progress=False)
 
 
+@pytest.mark.slow
 def test_a_case_takes_it_where_the_place_is_searched():
     from pinograsp.cases.object_case import ObjectCase
 

@@ -167,6 +167,7 @@ def test_legends_are_beside_the_curves(plan, length):
                 assert box.x1 <= figure.bbox.x1 + 1 and box.y1 <= figure.bbox.y1 + 1, drawn.__name__
 
 
+@pytest.mark.slow
 def test_figures_are_written(plan, tmp_path):
     paths = save_carry_figures(plan, tmp_path)
     assert len(paths) == 5 and len({path.read_bytes() for path in paths}) == 5

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from marks import slow_except
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
@@ -107,7 +108,7 @@ def test_what_is_nearer_hides_what_is_farther(first):
 # -- the picture -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("vector", [False, True])
+@pytest.mark.parametrize("vector", slow_except([False, True], False))
 def test_a_picture_shows_contacts_forces_and_object(plan, usual, printed, vector):
     usual = printed if vector else usual
     image = seen(usual)
@@ -211,6 +212,7 @@ def test_a_finger_has_one_colour():
     assert len(set(finger_colours([f"finger {i}" for i in range(9)]).values())) == 6
 
 
+@pytest.mark.slow
 def test_a_picture_says_where_meshes_are_gone(plan, tmp_path):
     gone = replace(plan.hand.visuals[0], kind="mesh", size=(1.0, 1.0, 1.0), path=str(tmp_path / "gone.stl"))
     texts = [text.get_text() for text in picture(replace(plan, hand=replace(plan.hand, visuals=(gone,)))).axes[0].texts]
@@ -224,6 +226,7 @@ def test_a_plan_writes_its_picture(plan, tmp_path):
         plan.picture("/proc/nothing/here.png")
 
 
+@pytest.mark.slow
 def test_reports_show_the_grasp(command, plan, tmp_path, no_rendering):
     full = plan.with_margins().with_reach()
     assert not (tmp_path / "grasp.png").exists()

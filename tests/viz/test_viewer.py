@@ -655,6 +655,7 @@ def offline(chromium, run, tmp_path):
         yield page
 
 
+@pytest.mark.slow
 def test_the_file_draws_the_grasp_and_follows_its_slider(offline, run):
     scene = make_scene(run)
     canvas = offline.locator("#scene")
