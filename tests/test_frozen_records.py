@@ -116,6 +116,7 @@ def test_public_calls_leave_every_record_as_it_was(world, name):
     assert [key for key in before if before[key] != after[key]] == []
 
 
+@pytest.mark.slow
 def test_auto_does_not_depend_on_what_was_called_before():
     """The same methods and the same answer in a fresh process, and after every method was loaded and asked."""
     script = """

@@ -53,6 +53,7 @@ def used() -> set[str]:
     return {named(homes.get(top, [top])[0]) for top in tops}
 
 
+@pytest.mark.slow
 def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
     groups = declared()
     base, imported = groups[""], used()
@@ -111,6 +112,7 @@ def test_importing_the_package_changes_nothing_outside_it():
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_nothing_draws_that_was_not_asked_to():
     """Planning, carrying, judging: none of them waits for matplotlib."""
     rooms = ("planner", "carry", "synthesis", "certification", "simulation", "sweep", "handover", "storage", "cli")

@@ -77,6 +77,7 @@ def test_outside_the_main_thread_nothing_changes():
     assert seen == [signal.default_int_handler]
 
 
+@pytest.mark.slow
 def test_processes_of_parallel_work_do_not_hear_ctrl_c():
     """In a process of its own: the first to start such processes is the one that could get it wrong."""
     script = (

@@ -218,6 +218,7 @@ def test_the_version_is_that_of_the_package():
     assert re.fullmatch(r"\d+\.\d+\.\d+.*", pg.__version__)
 
 
+@pytest.mark.slow
 def test_a_finger_has_the_colour_that_it_has_in_figures():
     plan = pg.load_case("paper").plan()
     told = render_record(plan)

@@ -107,6 +107,7 @@ def test_the_answer_comes_first(run, simulated):
         answer_questions(replace(run, margins=None))
 
 
+@pytest.mark.slow
 def test_the_page_needs_nothing_else(run, tmp_path, no_rendering):
     names = [path.name for path in save_figures(run, tmp_path)]
     write_report(run, tmp_path, names)
@@ -436,6 +437,7 @@ def test_rates_are_the_angles_derivatives(run):
                 assert np.abs(slope - rate.get_ydata())[5:-5].max() <= 0.02 * max(1.0, np.abs(rate.get_ydata()).max())
 
 
+@pytest.mark.slow
 def test_sweep_maps():
     mu, mass = (grid.ravel() for grid in np.meshgrid([0.5, 0.6, 0.7], [0.8, 1.0]))
     columns = {"friction.mu": mu, "object.mass": mass, "work_J": [1.0, None, 3.0, 4.0, 5.0, float("nan")]}
@@ -466,6 +468,7 @@ def records_of(thing, found: dict) -> dict:
     return found
 
 
+@pytest.mark.slow
 def test_records_print_on_a_few_lines(hand, cylinder):
     from pinograsp.viz.scene import make_scene
 

@@ -204,6 +204,7 @@ def curvature(energy, size, step=2e-3):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", slow_except(["axes in the hand", "axes in the object", "balls"], "axes in the object"))
 def test_fingers_that_turn_under_their_load(kind):
     """All at once: the second derivatives of the energy of springs, servos and load, without what yields."""

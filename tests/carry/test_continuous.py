@@ -97,6 +97,7 @@ def test_what_a_continuous_joint_leads_has_its_limits(file):
     assert pg.load_hand(led).continuous == ()
 
 
+@pytest.mark.slow
 def test_it_stays_continuous_in_a_run(arm, grasp, tmp_path):
     back = pg.load_run(pg.save_run(grasp, tmp_path / "run"))
     assert back.hand.continuous == arm.continuous

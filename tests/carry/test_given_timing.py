@@ -120,6 +120,7 @@ def weak(grasp, most):
     return replace(grasp, solution=replace(grasp.solution, problem=replace(grasp.problem, max_normal_force=most)))
 
 
+@pytest.mark.slow
 def test_what_is_too_fast_is_proven_and_told_how_fast_it_may_be(arm, grasp):
     held = weak(grasp, 1.3)
     free = {"intervals": INTERVALS, "reserve": 0.0, "disturbance": 0.0}
@@ -164,6 +165,7 @@ def least_common(grasp, plan, most_change=None):
     return F.value, program.value
 
 
+@pytest.mark.slow
 def test_a_constant_squeeze_is_the_least_that_bears_all(arm, grasp):
     plan = plan_carry(arm, grasp, WAYPOINTS, intervals=25, squeeze="constant", disturbance=0)
     assert np.ptp(plan.commanded, axis=0).max() < 1e-9
@@ -194,6 +196,7 @@ def test_a_slow_squeeze_changes_slowly_and_lies_between(arm, grasp):
     assert sizes[1] == pytest.approx(value, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_where_no_constant_squeeze_bears_it_the_arm_goes_slower_or_says_so(arm, grasp):
     held = weak(grasp, 1.0)
     free = {"intervals": 25, "disturbance": 0.0}
@@ -211,6 +214,7 @@ def test_where_no_constant_squeeze_bears_it_the_arm_goes_slower_or_says_so(arm, 
 SCENARIOS = (CarryScenario(mass=1.3), CarryScenario(mass=0.7, com=(0.0, 0.005, 0.0)), CarryScenario(mu=0.8))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("squeeze", slow_except(["least", "constant"], "constant"))
 def test_scenarios_cost_time_or_squeeze(arm, grasp, squeeze):
     held, options = weak(grasp, 1.6), {"intervals": 25, "squeeze": squeeze, "disturbance": 0.0}

@@ -28,6 +28,7 @@ def compared(arm, seeds, intervals):
     return worst, held
 
 
+@pytest.mark.slow
 def test_random_paths_and_grasps_against_another_solver(arm):
     worst, held = compared(arm, range(12), 30)
     assert worst < 1e-6

@@ -23,6 +23,7 @@ def pose_of_box(arm, grasp, q):
     return arm.frame_placements(q, palm)[0] @ np.linalg.inv(before) @ grasp.problem.object.pose
 
 
+@pytest.mark.slow
 def test_the_optimum_is_certified(carried):
     assert carried.gap < 1e-5
     assert carried.lower_bound <= carried.duration

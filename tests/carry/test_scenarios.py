@@ -12,6 +12,7 @@ HEAVY, SLIPPERY, OFF = CarryScenario(mass=1.2), CarryScenario(mu=0.8), CarryScen
 VALUES = ("times", "loads", "torques", "normal_forces", "commanded", "commanded_q", "commanded_torques")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("squeeze", ["least", "constant"])
 def test_the_order_of_scenarios_does_not_matter(arm, grasp, squeeze):
     plans = [

@@ -103,6 +103,7 @@ def test_numbers_are_the_plans(scene, smoothed):
     assert any(smoothed.shares()[0][0] == value for what, value in scene.facts if what.startswith("binds"))
 
 
+@pytest.mark.slow
 def test_a_grasp_planned_elsewhere_is_in_the_same_hand(arm, grasp, scene):
     """The world that the grasp was planned in does not matter, only where the object is in its hand."""
     turn = Rotation.from_euler("xyz", [0.4, 0.2, -1.0]).as_matrix()

@@ -64,6 +64,7 @@ def test_fingers_press_as_the_plan_says(slow, seen):
     assert np.percentile(np.abs(seen.normal_forces[way].sum(axis=1) / planned - 1), 90) < 0.1
 
 
+@pytest.mark.slow
 def test_on_ice_it_is_lost(slow):
     lost = simulate_carry(slow, time_step=STEP, hold=0.2, disturbance=Disturbance(mu=0.05))
     assert not lost.verdict.held

@@ -244,6 +244,7 @@ def test_bad_input_gets_one_message_and_exit_code_2(command, tmp_path, name):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_no_option_is_left_out_silently_with_a_case(command):
     """Each that is not of a case's forces or of the run is refused, those that will be added as well."""
     of_runs = {"hand", "object", "out", "search", "balance", "measure", "reserve", "solver", "changes", "force"}

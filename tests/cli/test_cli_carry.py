@@ -95,6 +95,7 @@ def test_squeezes_scenarios_and_simulation(command, run, no_rendering):
     assert json.loads((run / "out" / "carry.json").read_text(encoding="utf-8"))["simulation"]["held"] is True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -113,6 +114,7 @@ def test_options_that_cannot_be(command, run, options, message):
     assert not (run / "carries").exists() or not any((run / "carries").iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pipe.csv", "deep.json", "aliases.yaml", "gone.yaml", "way.txt"])
 def test_paths_that_cannot_be_read(command, run, tmp_path, name):
     """Refused before anything is planned: nothing waits, and no traceback."""
@@ -124,6 +126,7 @@ def test_paths_that_cannot_be_read(command, run, tmp_path, name):
     assert name in err.replace("\n", "") or "suffix" in err
 
 
+@pytest.mark.slow
 def test_a_hand_without_an_arm_is_told(command, run):
     code, _, err = command("carry", str(run / "run"), "--path", str(run / "way.csv"))
     assert code == 2 and "joints of the arm" in err

@@ -87,6 +87,7 @@ def test_options_that_cannot_be(command, run, tmp_path):
     assert read_csv(tmp_path / "here.csv").names == run.layout.joints
 
 
+@pytest.mark.slow
 def test_grippers_get_a_width(command, tmp_path):
     box = pg.Box(size=(0.04, 0.03, 0.05), mass=0.1, pose=pose_of([0, 0, 0.11], np.eye(3)))
     pg.save_run(pg.plan_grasp_on(pg.load_hand("panda"), box, pg.GraspConditions(mu=0.6)), tmp_path / "run")

@@ -19,6 +19,7 @@ CASE, SWEEP = ((FOLDER / f"new_{kind}.yaml").read_text() for kind in ("case", "s
 KEY = re.compile(r"^( *)# ( *[a-z_]+(\.[a-z_]+)*:( |$))", re.M)  # a key that is left out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_rendering")
 def test_a_case_runs_as_it_is(command, tmp_path):
     code, out, _ = command("new", "case.yaml")

@@ -99,6 +99,7 @@ def test_the_first_screens_of_other_commands(planned, tmp_path):
     assert code == 0 and fits(lines) and "12 of 12 rows" in " ".join(lines[lines.index("") :])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments", slow_except([["hands", "panda"], ["bench", "--contacts", "3"]], ["hands", "panda"])
 )
@@ -115,6 +116,7 @@ def test_the_catalogue_fits_and_a_wide_terminal_shows_more(tmp_path):
     assert "Allegro hand, left" in "\n".join(wide) and "Allegro hand, left" not in "\n".join(lines)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_rendering")
 def test_many_contacts_and_cautions_fit_too(command, tmp_path, capsys, monkeypatch):
     """Forces are those of fingers, remarks some."""

@@ -108,6 +108,7 @@ def test_elliptic_contacts_solve_the_integral_equation(a, b):
 curvature = st.floats(1.0, 1e3)
 
 
+@pytest.mark.slow
 @given(curvature, curvature, curvature, curvature, st.floats(0, np.pi), st.floats(0.01, 100))
 def test_scaling_and_symmetry(a, b, c, d, angle, scale):
     first, second = sorted((a, b)), sorted((c, d))

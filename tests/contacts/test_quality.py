@@ -235,6 +235,7 @@ def test_linf_epsilon_matches_the_hull_of_every_sum(edges, seed, mu, holds):
     assert ball.lower == pytest.approx(truth, rel=1e-4, abs=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", slow_except(range(4), 0))
 def test_epsilon_of_the_cone_lies_between_inner_and_outer_pyramids(seed):
     contacts, edges = ellipsoid_grasp(seed, 5), 32
@@ -266,6 +267,7 @@ def test_epsilon_of_two_opposed_cones_in_force_balance(mu):
         assert ball.converged and ball.lower <= truth <= ball.upper
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.3, 0.5, 1.0])
 def test_epsilon_of_two_opposed_soft_fingers(mu):
     """Antipodal at distance r with torsion = mu r: epsilon = mu / sqrt(2 + mu^2).

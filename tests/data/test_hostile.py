@@ -509,6 +509,7 @@ def test_keys_of_one_hash_do_not_take_for_ever(key, tmp_path):
     assert time.process_time() - begun < 2
 
 
+@pytest.mark.slow
 def test_rows_that_are_one_row_again_and_again_are_not_read(tmp_path):
     row = grasp_files.dexgraspnet_rows(grasp_files.some_grasps(n=1, d=22))[0]
     many = b"](" + pickle.dumps(row, protocol=2)[2:-1] + b"r\xff\x00\x00\x00"

@@ -248,7 +248,7 @@ def test_without_the_core_general_methods_answer(contact_set, monkeypatch):
 
     core.load.cache_clear()
     monkeypatch.setitem(sys.modules, "pinograsp.core._core_base", None)
-    monkeypatch.setattr(core, "installed", lambda: False)
+    monkeypatch.setattr(core, "is_installed", lambda: False)
     contacts, load = next(grasps(contact_set, 4, 1, 3))
     problem = ForceProblem(contacts=contacts, load=load, mu=0.7, friction=Friction(), max_depth=5e-3)
     try:
@@ -412,6 +412,7 @@ def test_derivatives_do_not_depend_on_the_solver_whose_answer_it_is():
     assert compared >= 4
 
 
+@pytest.mark.slow
 def test_new_weights_loads_and_limits_leave_nothing_behind(contact_set):
     """What is kept with the contacts is bounded: a loop that tunes its weights runs for days."""
     contacts, load = next(grasps(contact_set, 20, 1, 3))

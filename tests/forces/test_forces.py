@@ -447,6 +447,7 @@ def test_five_contacts_stay_within_memory():
     assert peak < 2**28
 
 
+@pytest.mark.slow
 def test_lattice_search_finds_the_first_point():
     """Against listing the lattice: two contacts, both balances."""
     for seed in range(30):
@@ -508,6 +509,7 @@ def test_infeasible_load_explains_itself(make_problem):
             _ = found.profile
 
 
+@pytest.mark.slow
 def test_ctrl_c_returns_what_there_is(make_problem, monkeypatch):
     calls = []
 

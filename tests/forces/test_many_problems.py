@@ -109,6 +109,7 @@ def checked(batch: pg.ForceBatch, objective: str, sample) -> dict:
     return counts | {"general": found.general, "worst": worst, "refused": refused}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.no_cover
 def test_random_problems(model):

@@ -154,6 +154,7 @@ def assert_agreement(grasps, *, split=None):
             assert min(count["ok"], count["infeasible"]) >= split * whole
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", SOME_FAMILIES)
 @pytest.mark.no_cover
 def test_random_grasps_agree_with_the_oracle(family):
@@ -181,12 +182,14 @@ def test_degenerate_grasps_agree_with_the_oracle(kind, count, often):
 FEW_AND_MANY = [(1, 5), (25, 5), *(pytest.param(k, 60, marks=pytest.mark.slow) for k in (1, 2, 20, 21, 30, 40, 60))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("k", "count"), FEW_AND_MANY)
 def test_few_and_many_contacts_agree_with_the_oracle(k, count, often):
     count = often(count) if count > 5 else count
     assert_agreement(random_grasp(seed, k=k) for seed in range(6000, 6000 + count))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", slow_except(FAMILIES, "cone"))
 @pytest.mark.no_cover
 def test_at_the_edge_of_feasibility_every_verdict_is_proven(family):
@@ -440,6 +443,7 @@ def test_more_edges_never_cost_more_and_the_cone_is_the_limit(seed):
         assert no_more([inner, costs[3]]), grasp
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(seeds, st.floats(1.0, 3.0))
 def test_a_safety_factor_divides_the_friction(seed, s):
@@ -678,6 +682,7 @@ def held(problem, impact_time):
     return found.status is Status.OK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", slow_except(FAMILIES, "pyramid"))
 def test_diagnosis_gives_the_load_factor_and_the_least_friction(family):
     """Both verified just inside and just outside, and the load factor against the oracle."""

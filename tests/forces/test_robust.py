@@ -190,7 +190,7 @@ def test_unusable_sets(make_problem):
 
 @pytest.mark.parametrize("compiled", [False, True])
 def test_crossed_bounds(make_problem, monkeypatch, compiled):
-    monkeypatch.setattr(robust_room.core, "installed", lambda: compiled)
+    monkeypatch.setattr(robust_room.core, "is_installed", lambda: compiled)
     problem = make_problem(balance="wrench", max_normal_force=1e-3)
     assert optimize_robust(problem, LoadSet(loads=[problem.load]), 0.8).status is Status.INFEASIBLE
 
@@ -207,7 +207,7 @@ def test_the_load_that_cannot_be_held_is_found_in_bulk(make_problem, monkeypatch
     monkeypatch.setattr(batch, "solve_batch", lambda *args, **kwargs: asked.append(bulk(*args, **kwargs)) or asked[-1])
     found = optimize_robust(problem, loads, 0.85)
     assert [answer.ok.tolist() for answer in asked] == [[True, True, True, False, True]]
-    monkeypatch.setattr(robust_room.core, "installed", lambda: False)
+    monkeypatch.setattr(robust_room.core, "is_installed", lambda: False)
     plain = optimize_robust(problem, loads, 0.85)
     assert len(asked) == 1 and found.status is plain.status is Status.INFEASIBLE
     assert (
@@ -380,6 +380,7 @@ def test_no_squeeze_on_a_line_that_does_not_press(contact_set):
         reserve_along(problem, pg.Reserve(), best, start, np.zeros(2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("capped", slow_except([False, True], True))
 def test_squeezes_on_contacts_of_other_stiffness_are_optimal_for_another_solver(capped):
     """Loads on contacts as assumed, and on two others whose normal forces follow the planned forces."""

@@ -103,6 +103,7 @@ def by_clarabel(socp):
     return clarabel.DefaultSolver(socp.P, socp.q, socp.A, socp.b, socp.cones.clarabel(), settings).solve()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", slow_except(FAMILIES, "pyramid"))
 def test_others_reach_the_oracle_s_optimum_and_are_certified(family):
     solved = 0

@@ -423,6 +423,7 @@ def test_the_papers_hand_holds_in_its_scene(tmp_path):
 # -- bad input ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_commands_that_cannot_be_are_refused(panda, allegro, tmp_path):
     path = tmp_path / "a.csv"
     bare = replace(panda, hand=replace(panda.hand, drives=()))

@@ -84,6 +84,7 @@ def inside_blends(trajectory, times):
 # -- smoothness --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_plans_come_up_to_the_acceleration_at_impact(psyonic, allegro, paper):
     """The last step of the approach's acceleration is no larger than its steps before."""
     for plan in (psyonic, allegro, paper):
@@ -220,6 +221,7 @@ def test_efforts_are_the_plans_torques(paper, psyonic, panda):
         assert off[free].max() < 1e-3 * motion.peak_torque  # rates of the grasp phase come from positions here
 
 
+@pytest.mark.slow
 def test_a_stored_run_gives_the_same(panda, tmp_path):
     folder = save_run(panda, tmp_path / "run")
     mine, theirs = joint_trajectory(panda), joint_trajectory(load_run(folder))
@@ -453,6 +455,7 @@ def test_keyframes_of_a_hand_alone(plan, tmp_path):
     assert tuple(stored["joints"]) == tuple(hand.model.names)[1:] and stored["qpos"].shape == (one.times.size, model.nq)
 
 
+@pytest.mark.slow
 def test_keyframes_for_somebodys_model(psyonic, tmp_path):
     """Joints in another order, under a prefix, beside a free object; the include brings the model's own numbers."""
     hand = psyonic.hand
@@ -479,6 +482,7 @@ def test_keyframes_for_somebodys_model(psyonic, tmp_path):
     assert np.array_equal(stored["qpos"][:, 7:], np.load(tmp_path / "grasp.npz")["qpos"][:, 7:])
 
 
+@pytest.mark.slow
 def test_actuators_of_all_kinds_make_the_efforts(psyonic, tmp_path):
     """MuJoCo's own actuator forces at qpos, qvel and ctrl, carried over to the joints that are followed, are those of its
     inverse dynamics and of the contacts: this model has other masses than the plan's hand.

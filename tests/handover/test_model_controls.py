@@ -147,6 +147,7 @@ def test_what_a_model_cannot_do_is_told(plan, tmp_path, text, words):
     assert any(words in note for note in sent_to(plan, mujoco.MjModel.from_xml_string(text), tmp_path)[1])
 
 
+@pytest.mark.slow
 def test_a_model_stays_as_it_is_and_callbacks_do_not_matter(plan, tmp_path):
     """Another control by a callback would be what MuJoCo's forward dynamics play."""
     model = mujoco.MjModel.from_xml_string(MODELS["muscles"])

@@ -742,6 +742,7 @@ def test_files_outside_the_own_folder_are_not_included(tmp_path):
     assert load_hand(path).n == 1
 
 
+@pytest.mark.slow
 def test_includes_that_fan_out_come_to_an_end(tmp_path):
     for level in range(7):
         inner = f"<include file='{level + 1}.xml'/>" * 50

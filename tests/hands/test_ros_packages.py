@@ -125,6 +125,7 @@ def test_pointers_of_git_lfs_say_what_to_do(gripper):
         load_hand(plain)
 
 
+@pytest.mark.slow
 def test_on_the_command_line(command, gripper):
     file, packages = gripper
     chosen = [part for name, folder in packages.items() for part in ("--package", f"{name}={folder}")]

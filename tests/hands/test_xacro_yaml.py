@@ -163,6 +163,7 @@ def test_merges_that_double_come_to_an_end(tmp_path):
         assert "values in a mapping" in str(error)
 
 
+@pytest.mark.slow
 def test_data_that_is_written_out_again_and_again_comes_to_an_end(tmp_path, monkeypatch):
     monkeypatch.setattr("pinograsp.hands.xacro_guard._MOST_TIME", 600.0)  # by its size, however slow the machine
     data = "\n".join(f"k{i}: {i}" for i in range(3000))

@@ -37,6 +37,7 @@ def grasp(mounted, gravity_o):
     return hand, pg.plan_grasp_on(hand, closure, pg.GraspConditions(mu=0.6, gravity_o=gravity_o))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mounted", "gravity_o"),
     [
@@ -111,6 +112,7 @@ def test_an_arm_stays_where_it_is_told_once(tmp_path):
     assert again.hand.posture == ARM and again.hand.place(UPRIGHT).posture == ARM
 
 
+@pytest.mark.slow
 def test_grasps_are_searched_with_the_arm_where_it_stays():
     """Also where that is near a limit of a joint."""
     near = ARM | {"panda_joint4": -0.08}
@@ -123,6 +125,7 @@ def test_grasps_are_searched_with_the_arm_where_it_stays():
             assert np.array_equal(q[:7], list(near.values()))
 
 
+@pytest.mark.slow
 def test_contacts_at_points_are_reached_from_where_the_wrist_stays(tmp_path):
     """Postures of fingers at given points, as cases have them: angles at which their own fingertips are there."""
     wrist = joint("wrist", "forearm", "palm", "0 0 0.2", "0 1 0", "-1.5 1.5 9 9")

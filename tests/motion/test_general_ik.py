@@ -68,6 +68,7 @@ def check(name, count, seed):
                 assert np.all(angles >= hand.lower[dofs] - 1e-9) and np.all(angles <= hand.upper[dofs] + 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", slow_except(HANDS, "humanoid", "panda"))
 @pytest.mark.no_cover
 def test_random_contacts_come_back(name):

@@ -548,6 +548,7 @@ def test_remedies_name_the_cause(hand, make_problem, final_angles):
     assert plan_motion(hand, forces, MotionSpec(posture=final_angles)).remedy == ""
 
 
+@pytest.mark.slow
 def test_jaws_on_one_actuator_are_named():
     from pinograsp.objects import Box
     from pinograsp.planner import plan_grasp_on

@@ -150,6 +150,7 @@ def any_contacts(rng, k):
     return ContactSet(contacts=tuple(contacts), com_o=np.zeros(3))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
 @pytest.mark.parametrize("seed, count", [(1, 30), pytest.param(2, 400, marks=pytest.mark.slow)])
 def test_no_forces_leave_less(seed, count, often):

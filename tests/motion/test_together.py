@@ -16,6 +16,7 @@ from pinograsp.motion.jacobian import contact_jacobian, point_jacobians
 from pinograsp.motion.torques import finger_dynamics, inverse_dynamics
 
 
+@pytest.mark.slow
 def test_all_postures_are_pressed_as_each_alone(hand, contacts, final_angles):
     """Of some, joints meet their limits on the way: the others must not notice."""
     profile = PenetrationProfile(acceleration=np.full(3, 0.3), impact_time=0.9, final_time=1.0)
@@ -51,6 +52,7 @@ def test_a_fingers_torques_are_those_of_the_hand(name):
         assert finger_dynamics(hand, finger, posture, path, gravity) == pytest.approx(expected, abs=1e-13)
 
 
+@pytest.mark.slow
 def test_jacobians_of_points_in_the_world():
     hand, rng = load_hand("psyonic_right"), np.random.default_rng(2)
     model, data = hand.model, hand.model.createData()

@@ -275,6 +275,7 @@ def test_a_folder_and_a_pattern_are_the_parts_of_one_object(tmp_path):
         Mesh.load(tmp_path / "other", mass=1)
 
 
+@pytest.mark.slow
 def test_many_shapes_have_a_bounded_number_of_triangles(tmp_path, monkeypatch):
     """Round ones are coarser the more there are; volumes of separate balls tell how coarse."""
 

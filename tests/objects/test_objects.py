@@ -772,6 +772,7 @@ def test_convex_parts_are_about_the_solid(made, monkeypatch):
         _ = mesh_of(made).convex_parts
 
 
+@pytest.mark.slow
 def test_surfaces_that_cross_themselves_have_no_convex_parts(monkeypatch):
     """They would be searched for without end; a crossing of a few small triangles, as scans have them, is fine."""
     box = trimesh.creation.box((0.02, 0.03, 0.04))

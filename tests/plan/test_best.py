@@ -40,6 +40,7 @@ def test_the_best_grasp_that_can_be_planned_is(found):
     assert np.array_equal(second.hand.pose, good.pose)
 
 
+@pytest.mark.slow
 def test_where_none_can_be_planned_the_best_ones_failure_says_why(found):
     weak = replace(found, grasps=tuple(with_weak_motors(one) for one in found.grasps))
     with pytest.raises(GraspInfeasible, match="torque|joint"):

@@ -53,6 +53,7 @@ def test_simulations_agree_on_what_is_stable(plan, servo, holds):
     assert plan.object_stiffness(servo).is_stable() is holds
 
 
+@pytest.mark.slow
 def test_bands_of_a_plan(plan):
     """The planned forces on contacts as planned; on harder ones the more, the stiffer the servos; not with torques."""
     planned = plan.forces.normal_forces

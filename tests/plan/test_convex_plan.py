@@ -22,6 +22,7 @@ from pinograsp.storage import read_run
 CONVEX = {**AS_PUBLISHED, "forces.search": "convex", "forces.balance": "wrench", "forces.measure": "work"}
 
 
+@pytest.mark.slow
 def test_plan_carries_certificate_and_margins():
     case = load_case("paper", {**CONVEX, "friction.safety": 1.2})
     plan = case.plan()

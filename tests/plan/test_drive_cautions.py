@@ -60,6 +60,7 @@ def test_the_pandas_jaws_press_with_what_their_maker_says():
         squeezed(loaded("panda"), 73.0, 0.1034)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effort", slow_except([12.0, 235.0], 12.0))
 def test_each_of_two_jaws_presses_with_its_own_effort(tmp_path, effort):
     hand = gripper(tmp_path, effort)
@@ -104,6 +105,7 @@ def test_a_speed_limit_that_is_passed(tmp_path, velocity):
         assert all(part in cautions[0] for part in ("left_slide", f"{peak:.3g} m/s", f"{velocity:g} m/s"))
 
 
+@pytest.mark.slow
 def test_more_time_is_what_helps(tmp_path):
     hand = gripper(tmp_path, velocity=0.03)
     slower = pg.GraspConditions(mu=0.7, final_time=2.5, impact_time_range=(2.2, 2.4))
@@ -123,6 +125,7 @@ def servo_plan(tmp_path, steps):
     return squeezed(hand.with_drives([replace(servo, step=way / steps)]), 20.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("steps", "cautions"), [(0.4, 1), (1.9, 1), (2.1, 0), (50.0, 0)])
 def test_servos_that_are_sent_less_than_two_steps(tmp_path, steps, cautions):
     plan = servo_plan(tmp_path, steps)

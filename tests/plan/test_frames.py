@@ -51,6 +51,7 @@ def simulations(plan, primitive):
     return [pg.simulate(one, hold=0.02, time_step=1e-3) for one in (plan, primitive)]
 
 
+@pytest.mark.slow
 def test_forces_are_those_of_the_same_block_centred(plan, primitive):
     """Translations change nothing; where the axes are turned the reserve looks in other directions, 2 % at most."""
     turned = not np.allclose(plan.body.pose[:3, :3], np.eye(3))

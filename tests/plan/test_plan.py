@@ -51,6 +51,7 @@ def test_the_shipped_case_balances_forces_and_moments():
     assert summary["residual_N"] < 1e-9 and summary["residual_Nm"] < 1e-9
 
 
+@pytest.mark.slow
 def test_table_against_the_paper(rows):
     """Every figure of the results section, at the value the independent convex solution gives it."""
     expected = {
@@ -82,6 +83,7 @@ def test_table_against_the_paper(rows):
     assert rows["normal force thumb"].difference == pytest.approx(rows["normal force thumb"].ours - 9.873)
 
 
+@pytest.mark.slow
 def test_comparison_says_so_where_there_is_no_grasp(paper_case):
     coarse = load_case("paper", {"grid.accelerations": [0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7]})
     table = {row.quantity: row for row in compare(coarse)}

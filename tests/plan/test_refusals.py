@@ -55,6 +55,7 @@ CULPRITS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", slow_except(CULPRITS, "friction"))
 def test_the_one_thing_that_was_spoilt_is_named_with_a_figure_that_does(held, name):
     """Everything else is as in a plan that is ok."""

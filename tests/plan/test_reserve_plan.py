@@ -64,6 +64,7 @@ def test_no_reserve_is_the_certified_optimum(closure):
     assert none.forces.certificate.objective >= bare.forces.certificate.lower_bound * (1 - 1e-9)
 
 
+@pytest.mark.slow
 def test_the_search_over_impact_times_is_near_the_best_of_a_fine_grid(plan):
     problem = replace(plan.problem, friction=CONE, min_normal_force=None, torques=None)
     for measure in ("impulse", "work"):
@@ -76,6 +77,7 @@ def test_the_search_over_impact_times_is_near_the_best_of_a_fine_grid(plan):
         assert found.certificate.objective <= min(costs) * 1.01 and found.tried <= 16
 
 
+@pytest.mark.slow
 def test_the_reserve_is_kept_and_shown(plan, tmp_path):
     folder = save_run(plan, tmp_path / "run")
     again = load_run(folder)

@@ -45,6 +45,7 @@ def test_harder_with_one_of_them_as_far_as_friction_goes(chuck):
     assert "6.8" in told.split("%")[0]
 
 
+@pytest.mark.slow
 def test_but_not_four_times_as_hard(chuck):
     with pytest.raises(GraspInfeasible, match="that this hand can make.*drive 'chuck', which moves several joints"):
         plan_of(shared(chuck, 1.0, 1.0, 4.0))
@@ -52,6 +53,7 @@ def test_but_not_four_times_as_hard(chuck):
     assert told.startswith("the 3 joints have 1 motors between them, which cannot make these torques: slide")
 
 
+@pytest.mark.slow
 def test_a_spring_can_make_up_for_it(chuck):
     """Of the third jaw the motor does too much by as much as the spring takes."""
     plan = plan_of(chuck)

@@ -56,6 +56,7 @@ def test_the_reserve_is_borne_at_both_ends(bare, plan):
     assert plan.forces.normal_forces.sum() > 1.2 * bare.forces.normal_forces.sum()
 
 
+@pytest.mark.slow
 def test_it_is_kept_and_shown(plan, tmp_path):
     assert "contacts 5 times as soft, contacts 5 times as stiff" in str(dict(list_results(plan.with_margins())))
     kept = load_run(save_run(plan, tmp_path / "run")).reserve
@@ -69,6 +70,7 @@ def test_it_is_kept_and_shown(plan, tmp_path):
             pg.Reserve(**wrong)
 
 
+@pytest.mark.slow
 def test_torque_control_needs_no_more_on_other_contacts():
     """Torques give the planned forces on contacts of any stiffness."""
     bare, plan = (planned(1e-3, reserve) for reserve in (pg.Reserve(), RESERVE))

@@ -141,6 +141,7 @@ def test_tendons_whose_arms_fit(pair, free):
     assert not [text for text in plan.cautions if "motors between them" in text]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "held"), [(1.0, True), (0.97, True), (1.3, False), (0.7, False)])
 def test_friction_of_tendons_bears_a_little(pair, free, share, held):
     """Two opposed contacts leave the forces no choice: a tendon's torques are off by as much as its arms."""
@@ -158,6 +159,7 @@ def test_friction_of_tendons_bears_a_little(pair, free, share, held):
             planned(other)
 
 
+@pytest.mark.slow
 def test_tendons_that_cannot_make_the_torques(pair, free):
     own = torques(free)
     wrong = tendons(pair, (own["left_1"], own["left_2"]), (own["right_1"], -own["right_2"]))

@@ -74,6 +74,7 @@ def test_no_module_sets_any():
     subprocess.run([sys.executable, "-c", IMPORTING], check=True, timeout=120)
 
 
+@pytest.mark.slow
 def test_simulations_neither_hear_them_nor_change_them(plan, own, tmp_path):
     before = callbacks()
     with_them = pg.simulate(plan, hold=0.02, time_step=1e-3)

@@ -43,6 +43,7 @@ def longer(task, q):
     )
 
 
+@pytest.mark.slow
 def test_commands_that_stay_are_a_longer_hold(task):
     still = longer(task, task.q[-1])
     assert task.way == 0.0 and still.way == pytest.approx(MORE)

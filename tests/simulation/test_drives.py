@@ -114,6 +114,7 @@ def gripped():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", slow_except(["torque", "position", "impedance"], "impedance"))
 def test_energy_is_kept_by_every_control_with_every_error(gripped, control):
     """On coupled jaws: what the motors put in is stored, or lost in contacts and dry friction."""
@@ -134,6 +135,7 @@ def test_servos_are_mujocos_own(task):
         assert np.all(getattr(ours, f"actuator_{name}") == getattr(own, f"actuator_{name}")), name
 
 
+@pytest.mark.slow
 def test_servo_gains_are_those_of_a_servo_with_them(task):
     servo = Servo.of(task.hand, KP)
     firmer = replace(servo, stiffness=1.5 * servo.stiffness, damping=1.5 * servo.damping)
@@ -198,6 +200,7 @@ def test_dry_friction_takes_its_share_of_a_grip(linear, control):
     assert np.all(missing <= band * (1 + 1e-6)) and missing == pytest.approx(np.full(3, band), rel=0.03)
 
 
+@pytest.mark.slow
 def test_an_encoder_that_reads_too_much_presses_less(linear):
     """F' = F - offset / (C_c + C_h)."""
     offset = np.array([1e-4, 0.0, -2e-4])
@@ -211,6 +214,7 @@ def test_an_encoder_that_reads_too_much_presses_less(linear):
 # -- contacts ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rho", slow_except([1.0, 1.5], 1.5))
 def test_harder_contacts_press_and_damp_as_told(task, rho):
     """At the planned depths F grows as K, and what is damped on the way with the factor^(1 + 1 / (2 rho))."""
@@ -237,6 +241,7 @@ def test_hard_contacts_get_steps_that_resolve_them(task):
 # -- base --------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_constant_acceleration_of_the_base_is_tilted_gravity(task):
     """The fingers bear m (a - g), as where gravity is g - a."""
     acceleration = np.array([0.8, -0.4, 0.6])
@@ -251,6 +256,7 @@ def test_a_constant_acceleration_of_the_base_is_tilted_gravity(task):
     assert seen.normal_forces[-1] == pytest.approx(tilted.normal_forces[-1], rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_shaken_base_is_one_that_moves_so(task):
     times, shake = np.linspace(0, 0.8, 401), np.array([1.0, 0.5, 0.0])
     swing = np.sin(2 * np.pi * 3.0 * times)[:, None] * shake
@@ -262,6 +268,7 @@ def test_a_shaken_base_is_one_that_moves_so(task):
     assert np.abs(both.acceleration(0.1)).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_a_base_that_moves_along_a_path_adds_inertial_forces(task):
     """The fingers bear m (a - g); an undamped swing of the object on its contacts averages out over 0.1 s."""
     times = np.linspace(0.0, 0.8, 9)
@@ -299,6 +306,7 @@ def test_a_base_rests_before_and_after_its_motion():
 # -- why it was lost ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_motor_at_its_limit_is_a_cause(task):
     weak = replace(task, torque_limit=np.array([200.0, 1.2, 200.0]))
     verdict = simulate(weak, servo=Servo.of(task.hand, KP), **FREE).verdict
@@ -325,6 +333,7 @@ def test_a_motor_that_was_at_its_limit_for_a_while_is_a_cause(task, slippery, si
     assert [one.replace("0.448 s", "0.450 s") for one in motors] == expected
 
 
+@pytest.mark.slow
 def test_the_contact_that_slips_first_is_a_cause(task, undisturbed, slippery):
     verdict = slippery.verdict
     assert not verdict.held
@@ -335,6 +344,7 @@ def test_the_contact_that_slips_first_is_a_cause(task, undisturbed, slippery):
     assert undisturbed.verdict.causes == undisturbed.verdict.remedies == ()
 
 
+@pytest.mark.slow
 def test_positions_alone_press_too_little(task):
     servo = Servo.of(task.hand, KP, control="position")
     verdict = simulate(task, servo=servo, **FREE).verdict
@@ -369,6 +379,7 @@ def test_a_hand_that_gives_way_without_a_slip_is_a_cause():
     )
 
 
+@pytest.mark.slow
 def test_motions_without_servos_have_no_motors_at_their_limits(task):
     weak = replace(task, torque_limit=np.full(3, 1e-3))
     verdict = simulate(weak, mode="prescribed", disturbance=Disturbance(mu=0.1), **FREE).verdict
@@ -435,6 +446,7 @@ def test_drives_and_limits_that_would_have_held(task):
     assert list(dict(exact.changes)) == ["without mu"]
 
 
+@pytest.mark.slow
 def test_what_holds_takes_plans_that_are_lost(task):
     with pytest.raises(InvalidInput, match="expected a plan that is lost"):
         what_holds(task, **FREE)
@@ -442,6 +454,7 @@ def test_what_holds_takes_plans_that_are_lost(task):
         what_holds(task, disturbance=Disturbance(mu=0.2), tolerance=0.0)
 
 
+@pytest.mark.slow
 def test_trials_that_are_lost_say_why(task):
     off = dict.fromkeys(("position", "rotation", "mass", "posture", "push"), 0.0)
     errors = Errors(**off, friction=(0.1, 0.2))
@@ -483,6 +496,7 @@ def test_random_errors_of_old_seeds_stay(task):
     assert tuple(Errors().summary()) == Errors().kinds
 
 
+@pytest.mark.slow
 def test_random_drives_and_contacts_have_the_sizes_asked_for(task):
     errors = Errors(stiffness=(0.2, 20.0), joint_offset=0.01, joint_friction=0.1, servo_gain=0.2)
     draws = [draw_errors(task, errors, 1, "together", i) for i in range(1000)]

@@ -40,6 +40,7 @@ def test_normal_force_is_equation_4():
     assert forces.press(touch([2e-3], velocity=[0.0, 0, -1e4]), 1e-4).normal[0] == 0.0  # it does not pull
 
 
+@pytest.mark.slow
 @pytest.mark.no_cover
 def test_friction_sticks_then_slips_and_says_where_the_energy_goes():
     made, dt, steps = make_forces([1]), 1e-5, 4000
@@ -71,6 +72,7 @@ def test_springs_turn_with_the_object():
     np.testing.assert_allclose(forces.press(touch([2e-3]), 1e-3, pose).force_o[0], turn @ force, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_area_that_can_hold_does_not_creep_where_it_hardly_presses():
     """Points with a hundredth of the force carry their share of the load up to the cone, and hold it then."""
     forces = make_forces([2])

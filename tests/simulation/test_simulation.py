@@ -184,6 +184,7 @@ def test_what_is_too_much_is_lost(brisk, wrong):
     assert simulation.disturbance == wrong.summary() != {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -238,6 +239,7 @@ def test_coupled_joints_stay_coupled_and_energy_is_kept():
     assert simulation.verdict.energy_error < 1e-4
 
 
+@pytest.mark.slow
 def test_torques_stay_within_the_limits(brisk):
     task = Task.of(brisk)
     weak = replace(task, torque_limit=np.full(20, 0.3))
@@ -260,6 +262,7 @@ def test_steps_that_are_too_long_are_told(brisk):
         assert simulation.verdict.held, "not held"
 
 
+@pytest.mark.slow
 def test_nothing_is_held_without_friction_however_short_or_coarse(brisk):
     for settings in ({"hold": 0.1}, {"hold": 0.5, "sample": 0.05}, {"hold": 0.3, "letting_go": 0.0}):
         assert not simulate(brisk, disturbance=Disturbance(mu=0.0), time_step=1e-3, **settings).verdict.held
@@ -290,6 +293,7 @@ def test_what_nothing_touches_is_not_held(brisk):
     assert verdict.drift < 1e-6 and not verdict.held and "nothing touched" in verdict.reason
 
 
+@pytest.mark.slow
 def test_pushes_act_before_the_end_or_are_refused(brisk):
     push = Push(wrench_o=[0, 0, -1000, 0, 0, 0], start=0.1, duration=0.1)
     with pytest.raises(InvalidInput, match=r"hold: expected at least 0\.2 s"):
@@ -382,6 +386,7 @@ def test_cautions_say_what_the_plan_does_not_cover(plan):
     assert any("safety factor" in caution for caution in told)
 
 
+@pytest.mark.slow
 def test_noise_sends_no_finger_to_its_limits():
     """The thumb starts at its limit and can hardly move across its plane: noise of the finite differences once sent it
     elsewhere.
@@ -512,6 +517,7 @@ def test_check_takes_every_disturbance(command, brisk, tmp_path):
     assert got["pushes"] == [{"wrench_N_Nm": [0.0, 0.0, -0.1, 0.0, 0.0, 0.0], "start_s": 0.01, "duration_s": 0.01}]
 
 
+@pytest.mark.slow
 def test_check_refuses_what_it_cannot_read(command, brisk, tmp_path):
     assert command("check", str(tmp_path))[0] == 2
     folder = pg.save_run(brisk, tmp_path / "run")

@@ -163,6 +163,7 @@ def test_wilson_intervals():
         assert 0 <= low <= held / 200 <= high <= 1
 
 
+@pytest.mark.slow
 def test_draws_have_the_sizes_asked_for(task):
     errors = Errors(position=(1e-3, 2e-3, 0), rotation=0.03, friction=0.1, mass=0.2, posture=0.02, push=0.5)
     draws = [draw_errors(task, errors, 3, "together", i) for i in range(1500)]
@@ -299,6 +300,7 @@ def test_without_errors_every_trial_is_the_undisturbed_run(plan):
     ]
 
 
+@pytest.mark.slow
 def test_simulations_that_come_apart_are_lost(slow_task):
     stiff = replace(slow_task, law=ContactLaw(stiffness=1e10, damping=0.0, exponent=1.5))
     apart = monte_carlo(stiff, count=1, errors=Errors(**OFF | {"posture": 0.1}), jobs=1, hold=0.3, time_step=5e-4)
@@ -313,6 +315,7 @@ def test_an_object_gone_within_one_step_is_lost(slow_task):
     assert not gone.verdict.held
 
 
+@pytest.mark.slow
 def test_wrong_input_is_refused(task, tmp_path):
     for settings, match in (
         ({"count": 0}, "count"),
@@ -504,6 +507,7 @@ except ResultsNotWritten as error:
 """
 
 
+@pytest.mark.slow
 def test_where_a_log_grows_too_large_its_trials_stay(tmp_path):
     path = tmp_path / "log.jsonl"
     done = subprocess.run([sys.executable, "-c", LIMITED, str(path)], capture_output=True, text=True, timeout=100)

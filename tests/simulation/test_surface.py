@@ -123,6 +123,7 @@ def test_flat_areas_touch_at_their_corners_as_deep_as_they_are(bar, shape, lying
     np.testing.assert_allclose(found.depth, down + tilt * lever, atol=2e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", slow_except(sorted(SHAPES), min(SHAPES)))
 @pytest.mark.no_cover
 def test_where_a_surface_is_that_of_a_box_so_are_the_overlaps(bar, shape):

@@ -79,6 +79,7 @@ def plan():
     return pg.plan_grasp_on(pg.load_hand("panda"), body, conditions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("support", slow_except(SUPPORTS, SUPPORTS[0]))
 def test_a_grasp_holds_whatever_bore_the_object_before(plan, support):
     seen = simulate(plan, support=support, hold=0.25, time_step=5e-4)

@@ -318,6 +318,7 @@ def test_errors_of_long_names_are_short(gripper):
     assert len(str(caught.value)) < 600 and len(caught.value.source) == 5000
 
 
+@pytest.mark.slow
 def test_descriptions_that_would_harm(gripper):
     links = "".join(f'<link name="l{i}"/>' for i in range(6000))
     joints = "".join(

@@ -95,12 +95,14 @@ def plan(paper_plan):
     return paper_plan.with_margins().with_reach()
 
 
+@pytest.mark.slow
 def test_a_plan_of_a_grid_comes_back_equal(plan, tmp_path):
     """With a problem that was given: friction of the paper, no closure."""
     back = check_same(plan, tmp_path)
     assert back.solution.grid.rejections == plan.solution.grid.rejections and back.closure is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [{"limits.deceleration": {"polynomial": [1.0, -0.5, 0.2]}}, {"friction.model": "soft", "friction.torsion_mm": 5.0}],

@@ -93,6 +93,7 @@ def test_rows_are_those_of_one_call(world, tmp_path):
     assert summary["rows"] == 30 and summary["counts"]["held"] == done.counts["held"]
 
 
+@pytest.mark.slow
 def test_objects_whose_grasps_are_all_misplaced_come_with_a_hint(world, tmp_path):
     """As if the file counted from somewhere 60 mm off; said in Python, on the screen, in JSON, and by the second run."""
     from typer.testing import CliRunner

@@ -128,6 +128,7 @@ def test_rows_are_single_plans(grid):
         assert row["elapsed_s"] > 0
 
 
+@pytest.mark.slow
 def test_one_process_finds_the_same(grid, tmp_path):
     assert same(sweep(GRID, tmp_path / "a", jobs=1, progress=False).table(), grid.table())
 
@@ -185,6 +186,7 @@ def test_failures_are_rows_with_status_and_message(tmp_path):
         assert (row["work_J"] is None) == (status != "ok")
 
 
+@pytest.mark.slow
 def test_an_unforeseen_failure_is_a_row_too(tmp_path, monkeypatch):
     from pinograsp.cases import case
 
@@ -203,6 +205,7 @@ def test_an_unforeseen_failure_is_a_row_too(tmp_path, monkeypatch):
     assert status_of(ValueError()) is Status.FAILED and status_of(InvalidInput("x")) is Status.INVALID_INPUT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["plan", "forces"])
 def test_rows_that_take_long_are_given_back(tmp_path, monkeypatch, what):
     """Chunks of all rows, and time for one of them at once."""
@@ -303,6 +306,7 @@ def test_forces_that_cannot_be_asked_for_are_rows(tmp_path):
         assert row["message"] is None if words is None else words in row["message"]
 
 
+@pytest.mark.slow
 def test_a_hand_and_an_object(tmp_path):
     spec = {
         "hand": "allegro_right",
@@ -458,6 +462,7 @@ def test_a_lost_worker_is_told_and_what_is_done_is_kept(tmp_path):
     assert 5 <= rows_on_disk(tmp_path / "out") < 2000
 
 
+@pytest.mark.slow
 def test_a_crash_at_any_moment_of_writing_loses_and_doubles_nothing(tmp_path, monkeypatch):
     """Every call that changes the folder fails once, before or after it is done; another process goes on."""
     kinds, settings = {"a": "number", "status": "text"}, {"x": 1}
@@ -521,6 +526,7 @@ def test_many_parts_become_one(tmp_path, monkeypatch):
     assert read_sweep(tmp_path / "out")["index"].to_pylist() == list(range(23))
 
 
+@pytest.mark.slow
 def test_an_interruption_while_rows_are_saved_doubles_none(tmp_path, monkeypatch):
     """Ctrl-C right after the rename: the rows are saved again, under the same name."""
     from pinograsp.sweep import parts as module
@@ -790,6 +796,7 @@ def test_the_command_prints_a_table_and_goes_on(command, tmp_path):
     assert document["counts"] == {"ok": 2, "infeasible": 1} and document["rows"] == document["done"] == 3
 
 
+@pytest.mark.slow
 def test_exit_codes_and_errors_for_machines(command, tmp_path):
     write(tmp_path, {**BASE, "over": {"object.mass": [30.0, 31.0]}})
     code, out, _ = command("sweep", "sweep.yaml", "--jobs", "1")
@@ -868,6 +875,7 @@ def test_a_dask_cluster_finds_the_same(grid, tmp_path, command):
     assert same(read_sweep(tmp_path / "b"), again.table())
 
 
+@pytest.mark.slow
 def test_no_dask_scheduler_there(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(runner, "_CONNECTED_WITHIN", 0.5)

@@ -72,6 +72,7 @@ def test_grasps_hold_what_they_say(found, ball):
     assert [one.sound for one in found.grasps] == sorted((one.sound for one in found.grasps), reverse=True)
 
 
+@pytest.mark.slow
 def test_quality_is_what_the_weakest_direction_withstands(found):
     """A linear program over finely sampled friction: the least of some directions is not below the quality."""
     grasp = found.best
@@ -157,6 +158,7 @@ def test_pairs_face_each_other(shape):
         assert (pairs.widths < 0.004).any() and (pairs.widths > 0.05).any()
 
 
+@pytest.mark.slow
 def test_preshapes_oppose():
     """Fingertips of a gripper face each other, and a thumb is turned against the fingers."""
     for name, most in (("panda", 0.081), ("allegro_right", 0.3)):
@@ -167,6 +169,7 @@ def test_preshapes_oppose():
         assert np.all(best.opened >= hand.lower - 1e-9) and np.all(best.closed <= hand.upper + 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.no_cover
 def test_the_result_depends_on_the_seed_alone(allegro, ball, found):
     again = find_grasps(allegro, ball, count=16, seed=3, jobs=2, **SETTINGS)
@@ -231,6 +234,7 @@ def test_wrapped_grasps_rest_on_the_palm():
         assert clearance(one.closure.hand, pen, one.closure.q) > -1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", slow_except([1, 2], 2))
 def test_objects_of_ones_own_class_are_placed(jobs):
     class Ball(Sphere):
@@ -365,6 +369,7 @@ class Interrupting(Sphere):
         return self.radius
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", [False, True])
 def test_what_was_found_until_ctrl_c_is_kept(lost, monkeypatch):
     monkeypatch.setattr(sys, "unraisablehook", lambda _: None)
@@ -488,6 +493,7 @@ def test_fingers_that_are_not_mirror_images_hold_a_box():
     assert len(q) and (np.abs(q[:, 0] - q[:, 1]) > 0.3).any()
 
 
+@pytest.mark.slow
 def test_what_in_a_description_is_in_the_way_is_said(tmp_path):
     """Fingers that cannot touch are refused; joints that no motor moves are named where nothing is found."""
     path = tmp_path / "gripper.urdf"

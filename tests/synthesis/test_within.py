@@ -26,6 +26,7 @@ def _touched(closure):
     return (np.vstack([one.patch_o for one in closure.touches]) - pose[:3, 3]) @ pose[:3, :3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", [-1, 1])
 def test_jaws_hold_a_bar_at_the_given_end(end):
     bar = Box(size=(0.03, 0.03, 0.2), mass=0.1, pose=POSE)

@@ -150,6 +150,7 @@ def test_speeds_and_accelerations_are_those_of_joints_that_move(plan, hand):
             np.testing.assert_allclose(lines(axes)[hand.joint_names[i]].get_ydata(), values[:, i])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [0, 60])
 def test_legends_are_beside_the_curves(plan, length):
     plan.contacts = tuple(name.ljust(length, "e") for name in plan.contacts)

@@ -37,6 +37,7 @@ def pictures(path) -> list[np.ndarray]:
         return found
 
 
+@pytest.mark.slow
 def test_films_show_all_of_the_motion_and_most_of_the_squeeze(plan):
     scene = make_scene(plan)
     frames = choose_frames(scene, 60)

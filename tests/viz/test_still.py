@@ -108,6 +108,7 @@ def test_what_is_nearer_hides_what_is_farther(first):
 # -- the picture -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vector", slow_except([False, True], False))
 def test_a_picture_shows_contacts_forces_and_object(plan, usual, printed, vector):
     usual = printed if vector else usual
@@ -174,6 +175,7 @@ def test_pictures_for_print_are_vector_graphics(plan, printed, tmp_path):
         plan.picture(tmp_path / "grasp.jpg")
 
 
+@pytest.mark.slow
 def test_vector_arrows_are_where_shaded_ones_are(plan, usual, printed):
     """Pixels of the thumb's colour, in both."""
     blue = rgb(make_scene(plan).colours[0]) / 255

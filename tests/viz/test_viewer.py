@@ -308,6 +308,7 @@ def test_a_run_whose_pictures_are_gone_shows_collision_shapes(tmp_path):
 # -- forces and numbers ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_arrows_are_in_proportion_to_the_forces(run):
     scene = make_scene(run)
     for instant in (0.3, 0.95, 1.0):
@@ -323,6 +324,7 @@ def test_arrows_are_in_proportion_to_the_forces(run):
     assert 0.1 < longest / (2 * scene.extent.max()) < 0.6  # neither lost nor all over the picture
 
 
+@pytest.mark.slow
 def test_friction_used_is_that_of_the_margins(run, make_problem, hand):
     """Of Coulomb's cone; the share of the model's own limit stands beside it."""
     soft = make_problem(balance="wrench", friction=Friction(model="soft", torsion=5e-3, safety=1.2))
@@ -390,6 +392,7 @@ def test_simulations_of_something_else_are_refused(run, simulation, tmp_path):
         make_scene(run, replace(simulation, q=simulation.q[:, :7]))
 
 
+@pytest.mark.slow
 def test_without_viser_the_extra_is_named(run, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(ExtraMissing, match=re.escape("pip install 'pinograsp[viz]'")):
@@ -406,6 +409,7 @@ def stored(simulation, folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_simulation_stands_beside_the_plan_at_the_same_instants(run, simulation, tmp_path):
     scene = make_scene(run, simulation)
     shown = scene.simulated
@@ -444,6 +448,7 @@ def array_in(record, place):
     return np.frombuffer(content, dtype=f"<{kind}", count=int(np.prod(shape)), offset=offset).reshape(shape)
 
 
+@pytest.mark.slow
 def test_grasps_stay_where_they_are(run, simulation):
     """Nothing of a grasp's page is carried."""
     scene = make_scene(run)
@@ -501,6 +506,7 @@ def test_the_file_is_whole_and_small(run, tmp_path):
     json.loads(text.split('id="data">')[1].split("</script>")[0], parse_constant=lambda name: pytest.fail(name))
 
 
+@pytest.mark.slow
 def test_names_cannot_leave_the_record(run, tmp_path):
     evil = replace(run, settings={"name": "</script><script>alert(1)</script>"})
     text = save_html(evil, tmp_path / "a.html").read_text(encoding="utf-8")
@@ -514,6 +520,7 @@ def test_names_cannot_leave_the_record(run, tmp_path):
 # -- the command -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_view_writes_a_file_and_keeps_what_is_there(command, run, tmp_path):
     save_run(run, tmp_path / "a")
     code, out, err = command("view", "a", "--html", "a.html")
@@ -529,6 +536,7 @@ def test_view_writes_a_file_and_keeps_what_is_there(command, run, tmp_path):
     assert code == 2 and "--port" in err
 
 
+@pytest.mark.slow
 def test_a_page_in_the_runs_folder_is_one_of_its_files(command, run, tmp_path):
     save_run(run, tmp_path / "a")
     assert command("view", "a", "--html", "a/view.html")[0] == 0
@@ -538,6 +546,7 @@ def test_a_page_in_the_runs_folder_is_one_of_its_files(command, run, tmp_path):
     assert code == 2 and "at most 255 bytes" in err
 
 
+@pytest.mark.slow
 def test_view_takes_the_latest_check(command, run, simulation, tmp_path):
     save_run(run, tmp_path / "a")
     alone = (command("view", "a", "--html", "alone.html"), (tmp_path / "alone.html").read_text())[1]
@@ -1034,6 +1043,7 @@ def test_the_live_page_listens_on_the_loopback_interface_alone(live):
     assert found and found <= {"0100007F", "00000000000000000000000001000000"}
 
 
+@pytest.mark.slow
 def test_a_live_page_that_cannot_listen_says_so(run):
     import socket
 

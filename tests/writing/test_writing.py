@@ -362,6 +362,7 @@ def killed_often(tmp_path: Path, kills: int, seed: int, writers: int) -> None:
     assert [name for name in left if name != "page.html"] == ["run"] and texts(run) == whole("9" * 20000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("writers", [1, 2])
 def test_killed_at_any_moment_an_old_or_a_new_folder_is_there(tmp_path, writers):
     killed_often(tmp_path, 4, 10 + writers, writers)
@@ -390,6 +391,7 @@ except ResultsNotWritten as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["same", "fresh"])
 def test_of_many_at_once_none_loses_its_answer_silently(tmp_path, kind):
     place = tmp_path / "new" / "run"
