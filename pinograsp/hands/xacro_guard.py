@@ -67,12 +67,12 @@ class Guard:
     def _limit(self, function: Any) -> Callable[..., Any]:
         """A function of xacro that goes through an element, or a text."""
 
-        def call(subject: Any, *others: Any) -> Any:
+        def call(subject: Any, *others: Any, **named: Any) -> Any:
             text = subject if isinstance(subject, str) else ""
             self._charge(len(text))
             if "$" in text and len(text) > arithmetic.MOST_TEXT:
                 raise NotAllowed(f"a text with expressions has more than {arithmetic.MOST_TEXT} characters")
-            return function(subject, *others)
+            return function(subject, *others, **named)
 
         return call
 

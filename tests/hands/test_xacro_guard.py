@@ -35,6 +35,21 @@ def test_arithmetic_properties_macros_arguments_and_conditions_work(tmp_path):
     assert 'name="l1"' in text and 'v="2.0"' in text
 
 
+def test_all_kinds_of_elements_work(tmp_path):
+    """As xacro itself expands them."""
+    path = write(
+        tmp_path,
+        """<xacro:property name="kind" value="link"/><xacro:property name="inner"><origin xyz="0 0 ${2 * 3}"/></xacro:property>
+        <xacro:element xacro:name="${kind}" name="a"><xacro:attribute name="size" value="s${len('abc')}"/></xacro:element>
+        <xacro:macro name="m" params="x:=^|2 *b **c"><j x="${x}"><xacro:insert_block name="b"/></j><xacro:insert_block
+        name="c"/></xacro:macro><xacro:call macro="m"><p/><q><xacro:insert_block name="inner"/></q></xacro:call>
+        <xacro:unless value="${kind == 'joint'}"><link name="$(arg n)"/></xacro:unless>""",
+    )
+    text = expand_xacro(path, {"n": "b"})
+    assert text == expand_xacro(path, {"n": "b"}, trusted=True)
+    assert '<link name="a" size="s3"/>' in text and 'xyz="0 0 6"' in text and '<link name="b"/>' in text
+
+
 def test_includes_from_the_own_folder_work(tmp_path):
     (tmp_path / "parts").mkdir()
     write(tmp_path / "parts", '<link name="inner"/>', "part.xacro")
