@@ -17,7 +17,7 @@ def _read_stub() -> dict[str, str]:
 
 
 _MODULES = _read_stub()
-__all__ = sorted(_MODULES)
+__all__ = sorted(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]  # the stub has them
 
 
 def __dir__() -> list[str]:

@@ -370,7 +370,7 @@ def one_of(name: str, value: object, allowed: Iterable[_Text]) -> _Text:
     """``value`` if it is one of ``allowed``; otherwise :class:`InvalidInput` with the nearest spelling."""
     allowed = list(allowed)
     if isinstance(value, str) and value in allowed:
-        return allowed[allowed.index(value)]
+        return next(one for one in allowed if one == value)
     near = difflib.get_close_matches(value[:100], allowed, n=1) if isinstance(value, str) else ()
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise InvalidInput(f"{name}: expected one of {', '.join(allowed) or '(none)'}, got {shorten(value)}{hint}")

@@ -104,7 +104,7 @@ class YamlValues:
         finally:
             self._loader.dispose()
 
-    def _value(self, event: yaml.Event, put: Callable[[Any], None], depth: int) -> None:
+    def _value(self, event: Any, put: Callable[[Any], None], depth: int) -> None:
         self._more(1)
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self._anchors:

@@ -173,8 +173,8 @@ def invert_stiffness(matrix: Array) -> Array:
     """
     size = np.sqrt(np.abs(np.diag(matrix)))
     factor = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-    inverse: Array = factor[:, None] * np.linalg.pinv(factor[:, None] * matrix * factor, rcond=_NOTHING) * factor
-    return inverse
+    inverse = np.linalg.pinv(factor[:, None] * matrix * factor, rcond=_NOTHING)
+    return np.asarray(factor[:, None] * inverse * factor, dtype=float)
 
 
 def symmetric_of(name: str, value: object, size: int) -> Array:

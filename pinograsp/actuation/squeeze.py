@@ -146,16 +146,15 @@ class Squeeze:
             springs = np.column_stack([across, slope]).ravel()
             hessian = scale[:, None] * ((T.T * springs) @ T + self.yielding) * scale
             step = -scale * np.linalg.solve(hessian + _DAMPING * np.eye(len(v)), scale * gradient)
-            falls, part = float(gradient @ step), 1.0
+            falls, part, before, was = float(gradient @ step), 1.0, v, energy
             for _ in range(_HALVINGS):
-                tried = v + part * step
-                new, f, depth = forces(tried)
-                gradient = T.T @ f.ravel() + self.yielding @ tried - pull
+                v = before + part * step
+                energy, f, depth = forces(v)
+                gradient = T.T @ f.ravel() + self.yielding @ v - pull
                 # The energy is convex: where it still falls along the step it has fallen all the way.
-                if gradient @ step <= 0 or new <= energy + 1e-4 * part * falls:
+                if gradient @ step <= 0 or energy <= was + 1e-4 * part * falls:
                     break
                 part /= 2
-            v, energy = tried, new
         balanced = bool(np.all(np.abs(gradient) <= TOLERANCE.residual * size))
         stuck = Settled(forces=f, moved=v, balanced=balanced)
         share, within = self.friction(f)
@@ -207,17 +206,17 @@ class Squeeze:
                     step = -scale * np.linalg.solve(matrix, scale * left)
                 except np.linalg.LinAlgError:
                     return None
-                was, part = float(np.linalg.norm(scale * left)), 1.0
+                was, part, before = float(np.linalg.norm(scale * left)), 1.0, v
                 for _ in range(_SLIP_HALVINGS):
-                    tried = v + part * step
-                    left, f, slopes = residual(tried, more)
+                    v = before + part * step
+                    left, f, slopes = residual(v, more)
                     if np.linalg.norm(scale * left) <= (1 - 1e-4 * part) * was:
                         break
                     part /= 2
-                v = tried
                 if part < 0.5 ** (_SLIP_HALVINGS - 1):
                     break  # at a standstill: further steps would only be halved as often
         # Whether it got there at larger friction does not matter: contacts that open make that hard, too.
+        left, f, _ = residual(v, 1.0)
         balanced = bool(np.all(np.abs(left) <= TOLERANCE.residual * size))
         return Settled(forces=f, moved=v, balanced=True) if balanced else None
 

@@ -137,8 +137,8 @@ def _add_limits(stack: _Stack) -> tuple[BoolArray, BoolArray, BoolArray]:
     program, known, free = stack.program, stack.known, stack.free
     N, k, d, before = program.count, program.k, program.friction.d, len(stack.right)
     R, (B, moved) = sp.kron(sp.identity(N), program.R, format="csr"), stack.at_nodes(program.B)
-    limited = [np.isfinite(end) for end in (program.low, program.high)]
-    for sign, end, used in zip((-1.0, 1.0), (program.low, program.high), limited):
+    low, high = np.isfinite(program.low), np.isfinite(program.high)
+    for sign, end, used in ((-1.0, program.low, low), (1.0, program.high, high)):
         kept = used.ravel()
         stack.add(sign * (end.ravel() - moved)[kept], sign * R[kept], sign * B[kept])
     # Pairs that bind at no speeds within their limits are left out.
@@ -160,7 +160,7 @@ def _add_limits(stack: _Stack) -> tuple[BoolArray, BoolArray, BoolArray]:
         np.zeros(N * k * len(facets)), sp.kron(sp.identity(N * k), np.column_stack([facets, -np.ones(len(facets))]))
     )
     stack.cones.append(clarabel.NonnegativeConeT(sum(map(len, stack.right[before:]))))
-    return *limited, binding
+    return low, high, binding
 
 
 def _add_friction(stack: _Stack) -> None:

@@ -186,7 +186,7 @@ class LoadedRobot:
         wrench = self._measure_wrench(*motion)
         return CarryLoads(
             wrench=Linear(*wrench),
-            torque=Linear(*torque),
+            torque=Linear(torque[0], torque[1], torque[2]),
             speed=slope,
             acceleration=Linear(slope, bend, np.zeros_like(slope)),
             q=q,

@@ -143,7 +143,7 @@ def _put_value(data: dict[str, Any], key: str, value: object) -> None:
     at: dict[str, Any] | list[Any] = data
     for i, parent in enumerate(parents):
         inner = at.setdefault(parent, {}) if isinstance(at, dict) else None
-        if isinstance(at, list) and parent.isdecimal() and int(parent) < len(at):
+        if not isinstance(at, dict) and parent.isdecimal() and int(parent) < len(at):
             inner = at[int(parent)]
         if not isinstance(inner, dict | list):
             raise CaseRejected(f"--set {key}: '{'.'.join(parents[: i + 1])}' has no further keys")

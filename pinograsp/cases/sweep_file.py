@@ -106,7 +106,7 @@ class Samples(CaseSection):
     """``count`` independent random draws of all other keys, which are inputs of the case."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, Draw]
+    __pydantic_extra__: dict[str, Draw]  # pyright: ignore[reportIncompatibleVariableOverride]  # as pydantic asks for
 
     count: Annotated[int, Field(ge=1, le=_MOST)]
     seed: Annotated[int, Field(ge=0)] = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -147,9 +148,9 @@ class Certificates:
 
     def describe(self) -> str:
         """How many hold, why the others do not, and the hint."""
-        reasons, counts = np.unique(self.reason, return_counts=True)
+        counts = Counter(sorted(self.reason.tolist())).most_common()
         lines = [f"{self.held.sum()} of {len(self)} grasps hold"]
-        lines += [f"  {counts[i]}: {Status.from_code(reasons[i]).words}" for i in np.argsort(-counts, kind="stable")]
+        lines += [f"  {count}: {Status.from_code(code).words}" for code, count in counts]
         return "\n".join([*lines, *([f"  hint: {self.hint}"] if self.hint else [])])
 
     def __str__(self) -> str:

@@ -84,7 +84,7 @@ def _is_cut_off(error: BaseException) -> bool:
         return False
 
 
-def _report(error: BaseException, session: Session) -> int:
+def _report(error: Any, session: Session) -> int:
     """Print an error, with ``--json`` also as JSON, and return the exit code. Unexpected errors are raised again."""
     name, status, remedy = type(error).__name__, status_of(error), ""
     code = status.exit_code

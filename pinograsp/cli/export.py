@@ -177,7 +177,7 @@ def _write_plan(
     plan = load_run(run)
     if files.scene and files.mujoco is not None and len(files.places) == 1:
         return plan.to_mujoco(files.mujoco, scene=True, **settings), ()
-    trajectory = make_commands(plan, **{"command": None, **settings})  # its errors come before anything is written
+    trajectory = make_commands(plan, **settings)  # its errors come before anything is written
     jaws = jaw_commands(plan) if settings.get("command") == "jaw" else ()
     if files.csv is not None:
         trajectory = plan.to_csv(files.csv, **files.contents["--csv"], **settings)

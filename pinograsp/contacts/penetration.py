@@ -194,7 +194,7 @@ def touching(hand: HandModel, body: Body, contacts: ContactSet, posture: ArrayLi
 
 def _touching_angles(depth: Penetration, name: str, which: Sequence[int], goals: Array, q: Array) -> Array:
     """Angles (n_f,) at which a finger's surfaces touch at ``goals`` (c, 3), by Newton's method from the posture q."""
-    hand, q = depth.hand, q.copy()
+    hand, q, left = depth.hand, q.copy(), np.full(1, np.inf)
     dofs = hand.finger(name).dofs
 
     def miss(angles: Array) -> Array:

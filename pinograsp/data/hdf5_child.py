@@ -107,8 +107,9 @@ class Reader:
         for folder in (QUALITIES, GRASPS):
             group = self._at(folder)
             for name in group if isinstance(group, self._group) else ():
-                path = f"{folder}/{name}"
-                data = None if path == TRANSFORMS else self._at(path)
+                if (path := f"{folder}/{name}") == TRANSFORMS:
+                    continue
+                data = self._at(path)
                 if isinstance(data, self._dataset) and data.dtype.kind in "fiub" and data.shape[:1] == (self.count,):
                     if data.size > _MOST_A_GRASP * self.count:
                         raise Refused(f"'{path}': too many numbers a grasp")

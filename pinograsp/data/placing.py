@@ -128,11 +128,8 @@ def _match_joints(
 ) -> _Match:
     """Which joint of the hand each of the file's is."""
     width = rows.q.shape[1]
-    file = rows.joint_names or (known.joints if known is not None and len(known.joints) == width else ())
-    ordered = joints is not None and not isinstance(joints, Mapping)
-    if ordered:
-        names = _names(joints, width)
-        file = file or names
+    names = () if joints is None or isinstance(joints, Mapping) else _names(joints, width)
+    file = rows.joint_names or (known.joints if known is not None and len(known.joints) == width else names)
     if len(file) != width:
         wanted = "" if known is None or not known.joints else f", and {known.name} has {len(known.joints)} joints"
         raise InvalidInput(
@@ -140,7 +137,7 @@ def _match_joints(
         )
     there = (*hand.joint_names, *hand.couplings)
     naming = known or _find_convention(rows)
-    match = dict(zip(file, names)) if ordered else _by_name(file, there, naming)
+    match = dict(zip(file, names)) if names else _by_name(file, there, naming)
     if isinstance(joints, Mapping):
         for name, target in mapping_of("joints", joints, "{file's joint: hand's joint}").items():
             one_of("joints: joint of the file", name, file)

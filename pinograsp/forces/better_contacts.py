@@ -126,12 +126,12 @@ def _move(problem: ForceProblem, body: Body, points: Array, start: Array, reach:
     start.
     """
     for _ in range(_ROUNDS):  # a point that is moved back within reach leaves the surface slightly
-        surface, normals, _ = body.project(points)
-        way = surface - start
+        way = body.project(points)[0] - start
         far = np.linalg.norm(way, axis=1)
         if far.max() <= reach:
             break
         points = start + way * np.minimum(1.0, 0.9999 * reach / np.maximum(far, 1e-300))[:, None]
+    surface, normals, _ = body.project(points)
     contacts = tuple(
         replace(
             contact, point_o=point, rotation_oc=tangent_frame(normal, problem.gravity_o), distance=0.0, point_l=None

@@ -100,8 +100,8 @@ class ForceProblem(ForceSettings):
     scaled_columns: Array = field(init=False, repr=False)
 
     if TYPE_CHECKING:  # what was None is known here; arguments may be numbers and lists, attributes are arrays
-        friction: Friction
-        moment_length: float
+        friction: Friction = Friction()
+        moment_length: float = 1.0
 
         def __init__(
             self,

@@ -284,10 +284,10 @@ def find_relaxations(
         sharp: of the figures, relative.
         kinds: 1: limits of forces and torques alone; 4: all.
     """
-    known = [tuple(limit for limit in kind if _there(setup, limit)) for kind in _KINDS[:kinds]]
+    known: list[tuple[LimitName, ...]] = [tuple(one for one in kind if _there(setup, one)) for kind in _KINDS[:kinds]]
     least, any_found = _Least(setup, works, sharp), False
     for kind in known:
-        alone = [limit for limit in kind if works(_all(setup, [limit]))]
+        alone: list[LimitName] = [limit for limit in kind if works(_all(setup, [limit]))]
         for limit in alone:
             yield least.of([limit])
         any_found |= bool(alone)
@@ -332,7 +332,7 @@ class _Least:
             return []
         few = list(limits)
         for limit in limits:
-            others = [one for one in few if one != limit]
+            others: list[LimitName] = [one for one in few if one != limit]
             if self.works(_all(self.setup, others)):
                 few = others
         return few

@@ -81,7 +81,7 @@ def drive_commands(
 
 def make_commands(
     plan: PlanRecord,
-    command: Command | None,
+    command: Command | None = None,
     *,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,

@@ -28,7 +28,7 @@ from pinograsp.plan import PlanRecord
 from pinograsp.simulation.scene import COUPLED_STEPS, compile_model, outline
 from pinograsp.simulation.settings import Servo
 from pinograsp.simulation.verdict import MOVED, TURNED
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, IntArray
 from pinograsp.words import printable
 from pinograsp.writing import write_file
 
@@ -375,11 +375,11 @@ def _set_contacts(spec: mujoco.MjSpec, hand: HandModel, plan: PlanRecord, model:
         geom.solref = [-s, -2 * math.sqrt(s * (1 - _IMPEDANCE))]
 
 
-def _make_controls(model: mujoco.MjModel, every: JointTrajectory, times: Array, held: Array, ctrl: Array) -> Controls:
+def _make_controls(model: mujoco.MjModel, every: JointTrajectory, times: Array, at: IntArray, ctrl: Array) -> Controls:
     qpos, qvel = np.tile(model.qpos0, (times.size, 1)), np.zeros((times.size, model.nv))
     for column, name in enumerate(every.names):
-        qpos[:, model.joint(name).qposadr[0]] = every.q[held, column]
-        qvel[:, model.joint(name).dofadr[0]] = every.dq[held, column]
+        qpos[:, model.joint(name).qposadr[0]] = every.q[at, column]
+        qvel[:, model.joint(name).dofadr[0]] = every.dq[at, column]
     return Controls(
         qpos=qpos,
         qvel=qvel,

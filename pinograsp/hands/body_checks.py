@@ -83,7 +83,7 @@ class _Body:
     def __init__(self, model: pin.Model, shapes: pin.GeometryModel, joint: int):
         self.model, self.joint = model, joint
         self.inertia: pin.Inertia = pin.Inertia(model.inertias[joint])
-        self.moments: Array = np.linalg.eigvalsh(self.inertia.inertia)
+        self.moments: Array = np.asarray(np.linalg.eigvalsh(self.inertia.inertia), dtype=float)
         frames = [frame for frame in model.frames if frame.parentJoint == joint]
         links = [frame.name for frame in frames if frame.type == pin.FrameType.BODY]
         self.link = printable((*links, model.names[joint])[0], 60)

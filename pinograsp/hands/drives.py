@@ -156,7 +156,7 @@ def _optional(drive: Drive, key: str, where: str, *, above: float | None = None,
 
 def drive_record(drive: Drive) -> dict[str, Any]:
     """A drive as plain JSON values; None for a limit, stiffness, damping or step that is not known."""
-    plain = asdict(drive) | {"limit": drive.limit if drive.limit < math.inf else None}
+    plain: dict[str, Any] = asdict(drive) | {"limit": drive.limit if drive.limit < math.inf else None}
     plain["sources"] = [one | {"interval": one["interval"] and list(one["interval"])} for one in plain["sources"]]
     lists = {"joints": list(drive.joints), "arms": list(drive.arms), "efforts": drive.efforts and list(drive.efforts)}
     return plain | lists

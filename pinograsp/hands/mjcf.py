@@ -149,9 +149,9 @@ class MjcfRobot:
             if not last:
                 link.inertial = yourdfpy.Inertial(mass=0.0, inertia=np.zeros((3, 3)))
             self._joint(joint, called, parent, child, at * before)
+            if last:
+                return link
             parent, at = child, after
-        if parent == name:
-            return link
         self._put_joint(f"fixed {name}", "fixed", parent, name, at)
         return self._link(name)
 

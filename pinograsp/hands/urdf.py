@@ -312,7 +312,7 @@ def _write_text(
             moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
             ElementTree.SubElement(inertial, "inertia", {key: repr(value) for key, value in moments.items()})
     for joint in robot.joints:
-        put = ElementTree.SubElement(out, "joint", name=aliases.get(joint.name, joint.name), type=joint.type)
+        put = ElementTree.SubElement(out, "joint", name=aliases.get(joint.name) or joint.name, type=joint.type)
         _put_origin(put, joint.origin)
         ElementTree.SubElement(put, "parent", link=joint.parent)
         ElementTree.SubElement(put, "child", link=joint.child)

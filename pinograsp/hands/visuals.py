@@ -28,6 +28,7 @@ from pinograsp.spatial import FARTHEST, Array, IntArray
 if TYPE_CHECKING:
     import trimesh
     from PIL.Image import Image
+    from trimesh.resolvers import Resolver
 
 # A colour, "#rrggbb" or empty where the file has none, and the vertices (n, 3) and faces (m, 3) that have it.
 Part: TypeAlias = tuple[str, Array, IntArray]
@@ -126,7 +127,7 @@ def _paint(file: str, texture: str, colour: str) -> tuple[Array, IntArray, Array
     scene = load_mesh_file(path, force="scene", resolver=_resolver(path.parent))
     if not isinstance(scene, trimesh.Scene):
         raise ValueError(f"expected a mesh, got a {type(scene).__name__}")
-    vertices, faces, colours, count = [], [], [], 0
+    vertices, faces, colours, count = [], [], list[Array](), 0
     for node in scene.graph.nodes_geometry:
         matrix, name = scene.graph[node]
         mesh = scene.geometry[name]
@@ -162,7 +163,7 @@ def _colours_of(mesh: trimesh.Trimesh) -> Array:
     return colours if colours.shape == (m, 3) and np.isfinite(colours).all() else np.tile(_UNPAINTED, (m, 1))
 
 
-def _texture(visual: trimesh.visual.TextureVisuals, faces: IntArray) -> Array:
+def _texture(visual: Any, faces: IntArray) -> Array:
     """Colours (m, 3) of faces: the texture's at their middle, or the material's; :data:`_UNPAINTED` without both."""
     material = visual.material
     image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
@@ -211,7 +212,7 @@ def _factor(colour: str) -> Array:
     return np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]) if colour else np.ones(3)
 
 
-def _resolver(folder: Path) -> trimesh.resolvers.Resolver:
+def _resolver(folder: Path) -> Resolver:
     """Reads the files that a mesh names, from its own folder and those below it; pictures also from those beside it
     that are called textures or materials, as ROS packages have them.
     """

@@ -40,8 +40,8 @@ class Guard:
         self.work, self.until = 0, time.monotonic() + _MOST_TIME
         self.named, self.packages = set[str](), dict[str, Path]()  # by the texts of the files; and their folders
         self.files: dict[Path, Any] = {}  # parsed documents, and data
-        self.functions = dict.fromkeys(("xacro.message", "xacro.warning", "xacro.error"), lambda *_: "")
-        self.functions |= dict.fromkeys(("load_yaml", "xacro.load_yaml"), self._load_data)
+        self.functions: dict[str, Callable[..., Any]] = dict.fromkeys(("load_yaml", "xacro.load_yaml"), self._load_data)
+        self.functions |= dict.fromkeys(("xacro.message", "xacro.warning", "xacro.error"), lambda *_: "")
         replaced = {
             "safe_eval": self._evaluate,
             "eval_extension": self._evaluate_extension,

@@ -124,9 +124,9 @@ def gentle_approach(
     jumps = ~fits.any(axis=0) & (np.abs(dq_T) > _STILL)
     duration = last[np.argmax(fits, axis=0)]
     at = q_T - np.where(fits.any(axis=0), back[np.argmax(fits, axis=0), np.arange(a.size)], 0.0)
-    begin, end = (impact_time - duration) * ends[:, 0], (impact_time - duration) * ends[:, 1]
-    u = np.clip((t - begin) / (end - begin), 0.0, 1.0)
-    gap, span = at - a, end - begin
+    begin, rest = (impact_time - duration) * ends[:, 0], (impact_time - duration) * ends[:, 1]
+    gap, span = at - a, rest - begin
+    u = np.clip((t - begin) / span, 0.0, 1.0)
     still = u * (1 - u)
     square = u * u
     position = a + gap * (square * u) * (10 - 15 * u + 6 * square)

@@ -86,7 +86,8 @@ def contact_postures(
     }
     postures = find_postures(hand, contacts, references, spread, samples)
     for found in postures.values():
-        frozen(found.angles), frozen(found.points_l)
+        frozen(found.angles)
+        frozen(found.points_l)
     return postures
 
 
@@ -240,7 +241,7 @@ def _newton(
     hand: HandModel, finger: Finger, contacts: Sequence[Contact], points_l: Array, start: Array
 ) -> Array | None:
     """Joint angles (n_f,) at which the links' points (c, 3) are at the contacts, from ``start``; None: not found."""
-    model, data, q = hand.model, hand.model.createData(), np.array(hand.resting)
+    model, data, q, distance = hand.model, hand.model.createData(), np.array(hand.resting), np.inf
     lower, upper = hand.lower[finger.dofs], hand.upper[finger.dofs]
     joints = [finger.joint_of(contact.link) for contact in contacts]
     targets = np.array([contact.point_o for contact in contacts])

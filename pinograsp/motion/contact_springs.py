@@ -294,4 +294,4 @@ def _least(matrix: Array) -> Callable[[Array], Array]:
         reciprocal, _ = lapack.dgecon(factors, lapack.dlange("1", matrix))
         if reciprocal > len(matrix) * _RANK:
             return lambda right: lapack.dgetrs(factors, pivots, right)[0]
-    return lambda right: np.asarray(np.linalg.lstsq(matrix, right, rcond=_RANK)[0])
+    return lambda right: np.asarray(np.linalg.lstsq(matrix, right, rcond=_RANK)[0], dtype=float)

@@ -266,7 +266,7 @@ class Primitive(Body):
         shape_b: bMs (4, 4), the middle and the axes of the primitive in the body frame [m].
     """
 
-    shape_b: Array = field(default_factory=lambda: np.eye(4), repr=False)
+    shape_b: Array = field(default_factory=lambda: np.eye(4), repr=False)  # pyright: ignore  # frozen
 
     __repr__ = brief()
 
@@ -282,7 +282,7 @@ class InertiaImpossible(InvalidInput):
 def _checked_inertia(name: str, value: object, most: float) -> Array:
     """An inertia (3, 3) with moments that a solid can have, none above ``most``, that of its mass at its farthest."""
     inertia = array_of(f"{name} inertia", value, (3, 3))
-    moments = np.linalg.eigvalsh((inertia + inertia.T) / 2)
+    moments = np.asarray(np.linalg.eigvalsh((inertia + inertia.T) / 2), dtype=float)
     if np.abs(inertia - inertia.T).max() > _DIGITS * moments[2]:
         raise InertiaImpossible(f"{name} inertia: expected a symmetric matrix, got {shorten(inertia.tolist())}")
     if problem := moments_problem(moments, most):
@@ -293,6 +293,6 @@ def _checked_inertia(name: str, value: object, most: float) -> Array:
 def tangents(normals: Array) -> Array:
     """Two orthonormal directions (k, 3, 2) across each unit normal (k, 3)."""
     aside = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    first = np.cross(normals, aside)
+    first: Array = np.cross(normals, aside)
     first /= np.linalg.norm(first, axis=1)[:, None]
     return np.stack([first, np.cross(normals, first)], axis=2)

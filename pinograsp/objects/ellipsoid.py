@@ -83,7 +83,7 @@ class Ellipsoid(Primitive):
             "a point between two opposite sides of the ellipsoid has no nearest surface point: move it to the surface",
         )
         reach = (1 + extra) * np.abs(local) / e  # p_i = reach_i / (u + extra_i)
-        u = np.maximum((reach - extra).max(axis=1, initial=0.0), 0.0)
+        u, p = np.maximum((reach - extra).max(axis=1, initial=0.0), 0.0), reach
         for _ in range(_MOST_STEPS):
             width = u[:, None] + extra
             p = np.divide(reach, width, out=np.zeros_like(reach), where=reach > 0)

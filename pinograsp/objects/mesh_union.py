@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -93,23 +93,25 @@ def _outward(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     return np.array(part.vertices, dtype=float), np.array(part.faces, dtype=np.int64)
 
 
-def _unite(solids: list[tuple[Array, IntArray]]) -> tuple[Array, IntArray, tuple[str, ...]]:
+def _unite(
+    solids: list[tuple[Array, IntArray]], enlarged: Sequence[float] = _ENLARGED
+) -> tuple[Array, IntArray, tuple[str, ...]]:
     """Vertices and faces of the union of closed solids, and notes.
 
     Raises:
         ImportError: manifold3d (extra ``mesh``) is not installed.
         InvalidInput: a solid that is not closed, by its number, or a union that bounds no solid.
     """
-    for more in _ENLARGED:
-        vertices, faces = _union([(_enlarge(vertices, more), faces) for vertices, faces in solids])
-        try:
-            vertices, faces, notes = closed_surface(vertices, faces)
-        except PartsMeet as error:
-            refused = error
-            continue
-        grown = (f"they were enlarged by {1e3 * more:g} mm so that they meet",) if more else ()
-        return vertices, faces, (*grown, *notes)
-    raise refused
+    more, *further = enlarged
+    vertices, faces = _union([(_enlarge(vertices, more), faces) for vertices, faces in solids])
+    try:
+        vertices, faces, notes = closed_surface(vertices, faces)
+    except PartsMeet:
+        if not further:
+            raise
+        return _unite(solids, further)
+    grown = (f"they were enlarged by {1e3 * more:g} mm so that they meet",) if more else ()
+    return vertices, faces, (*grown, *notes)
 
 
 def _enlarge(vertices: Array, by: float) -> Array:

@@ -157,22 +157,22 @@ def _search_optimum(hand: HandModel, setup: Setup, options: PlanOptions, progres
         limit = np.full(hand.n, np.inf)  # motor heat needs the Jacobians, at the posture that is found
     if limit is not None and not heated and not torques_matter(hand, limit):
         limit, problem = None, replace(problem, torques=None)
-    watch = _Stopwatch()
+    watch, rounds = _Stopwatch(), 1
     # The first round finds a posture without knowing the torques.
     searched = problem if limit is None else replace(problem, torques=None)
     objective = options.objective if limit is None else None
-    for _ in range(ROUNDS.torques):
+    while True:
         forces = optimize_grasp(searched, objective=objective, solver=options.solver, progress=progress)
         refuse_failure(forces, explain_proof)
         watch.stop("forces")
         motion = plan_motion(hand, forces, options.motion)
         watch.stop("motion")
-        if limit is None or forces.status is Status.INTERRUPTED:
+        if limit is None or forces.status is Status.INTERRUPTED or rounds == ROUNDS.torques:
             break
         limits = _limits_at_the_end(hand, forces, motion, limit)
         if _are_settled(limits, searched.torques):
             break
-        searched, objective = replace(problem, torques=limits), options.objective
+        searched, objective, rounds = replace(problem, torques=limits), options.objective, rounds + 1
     return ForcesAndMotion(forces=forces, motion=motion, elapsed=watch.elapsed)
 
 
@@ -190,10 +190,10 @@ def _are_settled(limits: TorqueLimits, known: TorqueLimits | None) -> bool:
 def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve: Reserve) -> ForcesAndMotion:
     """One squeeze for all loads of the reserve; rounds for the torque limits as in :func:`_search_optimum`."""
     problem, limit = setup.problem, setup.limit if torques_matter(hand, setup.limit) else None
-    watch, tried, start = _Stopwatch(), 0, None
+    watch, rounds, tried, start = _Stopwatch(), 1, 0, None
     searched, posture = problem, problem.contacts.posture
     together = None if posture is None else pressing_together(hand, problem.contacts, posture)
-    for _ in range(ROUNDS.torques):
+    while True:
         squeeze = search_reserve(searched, reserve, objective=options.objective, start=start)
         tried += squeeze.tried
         refuse_no_squeeze(squeeze, searched, reserve, options.objective)
@@ -212,7 +212,9 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
         limits = _limits_at_the_end(hand, forces, motion, limit)
         if _are_settled(limits, searched.torques):
             break
-        searched, start = replace(problem, torques=limits), squeeze.impact_time
+        searched, start, rounds = replace(problem, torques=limits), squeeze.impact_time, rounds + 1
+        if rounds > ROUNDS.torques:
+            break
     for _ in range(ROUNDS.coming):
         coming = _search_as_they_come(hand, searched, options, reserve, squeeze, motion)
         if coming is None:
@@ -242,13 +244,11 @@ def _search_producible(
     """A squeeze that the hand's joints can make in a posture (n,), on contacts of all the reserve's stiffnesses."""
     factors = reserve.stiffness_factors
     rows = np.zeros((0, problem.k)) if together is None else together.rows
-    scenarios = None
-    if factors:
-        q = instance_of("posture of the contacts", posture, np.ndarray)
 
-        def scenarios(solution: ForceSolution) -> tuple[StiffnessScenario, ...]:
-            return find_scenarios(hand, solution, q, factors)
+    def scenarios_of(solution: ForceSolution) -> tuple[StiffnessScenario, ...]:
+        return find_scenarios(hand, solution, instance_of("posture of the contacts", posture, np.ndarray), factors)
 
+    scenarios = scenarios_of if factors else None
     producible = producible_reserve(problem, reserve, squeeze, rows, objective=options.objective, scenarios=scenarios)
     if producible.status is not Status.OK:
         raise GraspUndecided(explain_unmade(hand, problem, reserve, together), no_forces(producible, problem))

@@ -59,8 +59,8 @@ def record_trial(trial: Trial, elapsed: float) -> Simulation:
         elapsed=elapsed,
         exponent=task.law.exponent,
         com_b=task.body.com_b,
-        **{one.name: getattr(history, one.name) for one in fields(History)}
-        | {"object_poses": read_only(history.object_poses @ inverse_of(task.body.shape_b))},
+        object_poses=read_only(history.object_poses @ inverse_of(task.body.shape_b)),
+        **{one.name: getattr(history, one.name) for one in fields(History) if one.name != "object_poses"},
     )
 
 

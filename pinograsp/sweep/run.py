@@ -14,7 +14,7 @@ import numpy as np
 from pinograsp.cases.sweep_file import SweepSpec, load_sweep
 from pinograsp.checks import brief, path_of
 from pinograsp.spatial import IntArray
-from pinograsp.sweep.rows import FIGURES, ChunkResult, Row, kind_of, run_chunk
+from pinograsp.sweep.rows import FIGURES, ChunkResult, Kind, Row, kind_of, run_chunk
 from pinograsp.sweep.runner import Executor, Progress, Runner
 from pinograsp.sweep.store import Store, read_sweep
 
@@ -101,7 +101,7 @@ def sweep(
     runner = Runner(jobs=jobs, executor=executor, scheduler=scheduler, progress=progress)
     spec = spec if isinstance(spec, SweepSpec) else load_sweep(spec)
     payload = spec.base.model_copy(update={"files": spec.files}).model_dump_json()
-    kinds = {key: kind_of(values) for key, values in spec.inputs.items()}
+    kinds: dict[str, Kind] = {key: kind_of(values) for key, values in spec.inputs.items()}
     with Store(path_of("folder", folder), spec.settings(), spec.rows, {**kinds, **FIGURES[spec.what]}) as store:
         chunks = _Chunks(spec, np.flatnonzero(~store.have))
 

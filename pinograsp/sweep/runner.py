@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import joblib
 from tqdm import tqdm
@@ -151,7 +151,7 @@ class Runner:
             ) from error
         _check_answer(scheduler)
         try:
-            client = distributed.Client(scheduler, timeout=_CONNECTED_WITHIN, set_as_default=False)
+            client: Any = distributed.Client(scheduler, timeout=_CONNECTED_WITHIN, set_as_default=False)
         except Exception as error:  # an unknown server's answer can cause any error
             raise InvalidInput(
                 f"scheduler: expected the address of a running Dask scheduler, got '{scheduler}' ({error})"
@@ -167,7 +167,7 @@ class Runner:
                     if not ahead.count():
                         return
                     yield next(ahead)[1]
-            except distributed.scheduler.KilledWorker as error:
+            except distributed.KilledWorker as error:
                 raise PinograspError(
                     f"workers were lost repeatedly; completed rows are kept: start again ({error})"
                 ) from error

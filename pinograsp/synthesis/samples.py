@@ -243,8 +243,8 @@ def _above(case: SearchCase, hand: HandModel, postures: Array) -> bool:
 
 def _across(axis: Array, turn: float) -> Array:
     """A frame (3, 3) whose first axis is the given one, turned about it [rad]."""
-    first = tangents(axis[None])[0, :, 0]
-    out = np.cos(turn) * first + np.sin(turn) * np.cross(axis, first)
+    first: Array = tangents(axis[None])[0, :, 0]
+    out: Array = np.cos(turn) * first + np.sin(turn) * np.cross(axis, first)
     return np.column_stack([axis, np.cross(out, axis), out])
 
 

@@ -36,6 +36,7 @@ def free_port(host: str, port: int) -> int:
         }
     except (OSError, TypeError, UnicodeError) as error:
         raise InvalidInput(f"host: expected a name or an address of this machine, got {host!r} ({error})") from error
+    reason = ""
     for one in range(port, min(port + _ATTEMPTS, 65536)):
         try:
             for family, address in places:
@@ -43,7 +44,7 @@ def free_port(host: str, port: int) -> int:
                     trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
                     trial.bind((address, one))
         except OSError as error:
-            reason = error
+            reason = str(error)
             continue
         return one
     raise InvalidInput(

@@ -37,82 +37,47 @@ _WIDTH, _HALF = 7.6, 5.2  # [in] of a figure, and of one of two panels
 _LETTER, _MARGIN = 0.072, 0.6  # [in] of a legend's letter, and beside each of its labels
 
 
-class Carried(Protocol):
-    """What figures show of a carry plan: N intervals, k contacts, n joints."""
+class _Carried(Protocol):
+    """What figures show of a :class:`~pinograsp.carry.CarryPlan`, which says what these are."""
 
     @property
-    def robot(self) -> HandModel:
-        """Arm and hand."""
-
+    def robot(self) -> HandModel: ...
     @property
-    def grasp(self) -> PlanRecord:
-        """What is carried."""
-
+    def grasp(self) -> PlanRecord: ...
     @property
-    def contacts(self) -> tuple[str, ...]:
-        """Their names (k,)."""
-
+    def contacts(self) -> tuple[str, ...]: ...
     @property
-    def reserve(self) -> float:
-        """Share of the limits that is kept free."""
-
+    def reserve(self) -> float: ...
     @property
-    def s(self) -> Array:
-        """Path parameter at the ends of the intervals (N + 1,)."""
-
+    def s(self) -> Array: ...
     @property
-    def times(self) -> Array:
-        """There (N + 1,) [s]."""
-
+    def times(self) -> Array: ...
     @property
-    def speed(self) -> Array:
-        """Of the path parameter there (N + 1,) [1/s]."""
-
+    def speed(self) -> Array: ...
     @property
-    def instants(self) -> Array:
-        """Of the middles (N,) [s]."""
-
+    def instants(self) -> Array: ...
     @property
-    def limit(self) -> Array:
-        """The fastest at which each middle may be passed by itself (N,) [1/s]."""
-
+    def limit(self) -> Array: ...
     @property
-    def torque_limits(self) -> Array:
-        """Largest torques (n,) [N m or N]; infinity: none is known."""
-
+    def torque_limits(self) -> Array: ...
     @property
-    def dq(self) -> Array:
-        """Speeds of the joints (N, n)."""
-
+    def dq(self) -> Array: ...
     @property
-    def ddq(self) -> Array:
-        """Accelerations (N, n)."""
-
+    def ddq(self) -> Array: ...
     @property
-    def torques(self) -> Array:
-        """Torques (N, n) [N m or N]."""
-
+    def torques(self) -> Array: ...
     @property
-    def normal_forces(self) -> Array:
-        """On the object (N, k) [N]."""
-
+    def normal_forces(self) -> Array: ...
     @property
-    def commanded(self) -> Array:
-        """That the hand is told to press with (N, k) [N]."""
-
+    def commanded(self) -> Array: ...
     @property
-    def friction_use(self) -> Array:
-        """Share of the friction that is relied on (N, k)."""
-
+    def friction_use(self) -> Array: ...
     @property
-    def binding(self) -> tuple[str, ...]:
-        """What keeps each interval from being passed faster (N,)."""
-
-    def shares(self) -> list[tuple[str, float]]:
-        """What binds, and for which share of the time, most of it first."""
+    def binding(self) -> tuple[str, ...]: ...
+    def shares(self) -> list[tuple[str, float]]: ...
 
 
-def path_speed(plan: Carried) -> Figure:
+def path_speed(plan: _Carried) -> Figure:
     """Speed over the path parameter, coloured by what binds, below the speed at which each place may be passed."""
     s, speed = plan.s, plan.speed
     middles = CubicHermiteSpline(plan.times, s, speed)(plan.instants)
@@ -146,7 +111,7 @@ def path_speed(plan: Carried) -> Figure:
     return figure
 
 
-def normal_forces(plan: Carried) -> Figure:
+def normal_forces(plan: _Carried) -> Figure:
     """Sum of the normal forces and those of the contacts over time; dashed: commanded, where that is something else."""
     figure = NotebookFigure(figsize=(_WIDTH, 6.0), layout="constrained")
     total, each = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.7))
@@ -168,7 +133,7 @@ def normal_forces(plan: Carried) -> Figure:
     return figure
 
 
-def carry_friction(plan: Carried) -> Figure:
+def carry_friction(plan: _Carried) -> Figure:
     """Share of the friction relied on that each contact uses over time; 1: all of it."""
     figure = NotebookFigure(figsize=(_WIDTH, 4.4), layout="constrained")
     axes = figure.subplots()
@@ -181,7 +146,7 @@ def carry_friction(plan: Carried) -> Figure:
     return figure
 
 
-def torque_shares(plan: Carried) -> Figure:
+def torque_shares(plan: _Carried) -> Figure:
     """Joint torques over their limits over time, of the arm and of the fingers."""
     limits = plan.torque_limits
     fingers = _fingers(plan)
@@ -208,7 +173,7 @@ def torque_shares(plan: Carried) -> Figure:
     return figure
 
 
-def arm_motion(plan: Carried) -> Figure:
+def arm_motion(plan: _Carried) -> Figure:
     """Speeds and accelerations of the joints that move, over time."""
     moving = np.flatnonzero(np.abs(plan.dq).max(axis=0) > 0)
     slides = plan.robot.slides[moving]
@@ -222,7 +187,7 @@ def arm_motion(plan: Carried) -> Figure:
     return figure
 
 
-def save_carry_figures(plan: Carried, folder: str | Path) -> list[Path]:
+def save_carry_figures(plan: _Carried, folder: str | Path) -> list[Path]:
     """Write all of these as PNG files into an existing folder; returns their paths."""
     figures = {
         "carry_speed.png": path_speed,
@@ -234,14 +199,14 @@ def save_carry_figures(plan: Carried, folder: str | Path) -> list[Path]:
     return save_all({name: partial(figure, plan) for name, figure in figures.items()}, folder)
 
 
-def _fingers(plan: Carried) -> IntArray:
+def _fingers(plan: _Carried) -> IntArray:
     """The robot's joints that are those of the fingers in the grasp."""
     hand = plan.grasp.require_hand()
     own = {hand.joint_names[i] for finger in hand.fingers for i in finger.dofs.tolist()}
     return np.array([i for i, joint in enumerate(plan.robot.joint_names) if joint in own], dtype=int)
 
 
-def _contacts(axes: Axes, plan: Carried, values: Array) -> None:
+def _contacts(axes: Axes, plan: _Carried, values: Array) -> None:
     """A line for each contact; earlier ones are wider, so that they are seen below others of the same values."""
     colours = _colours(plan)
     for i, (name, rank) in enumerate(zip(plan.contacts, ranks(colours))):
@@ -250,11 +215,11 @@ def _contacts(axes: Axes, plan: Carried, values: Array) -> None:
         axes.plot(plan.instants, values[:, i], style, color=colours[i], linewidth=width, label=make_label(name))
 
 
-def _colours(plan: Carried) -> tuple[str, ...]:
+def _colours(plan: _Carried) -> tuple[str, ...]:
     return contact_colours(plan.contacts, plan.grasp.layout.fingers)
 
 
-def _joint_colours(plan: Carried) -> dict[str, tuple[float, ...]]:
+def _joint_colours(plan: _Carried) -> dict[str, tuple[float, ...]]:
     """Colours of the joints by name: shades of their finger's; of an arm along a scale, from base to tip."""
     layout = plan.grasp.layout
     fingers = finger_colours(plan.grasp.contacts.names, list(layout.fingers))
@@ -267,7 +232,7 @@ def _joint_colours(plan: Carried) -> dict[str, tuple[float, ...]]:
     return found | dict(zip(arm, colormaps["cividis"](np.linspace(0.0, 0.9, len(arm))).tolist()))
 
 
-def _joints(axes: Axes, plan: Carried, dofs: IntArray, values: Array) -> None:
+def _joints(axes: Axes, plan: _Carried, dofs: IntArray, values: Array) -> None:
     """A line for each joint, values (N, len(dofs)): those with the largest in colour."""
     named = set(np.argsort(-np.abs(values).max(axis=0, initial=0.0), kind="stable")[: _NAMED + 1].tolist())
     colours, styles = _joint_colours(plan), cycle(("-", "--", "-.", ":"))
@@ -291,7 +256,7 @@ def _joints(axes: Axes, plan: Carried, dofs: IntArray, values: Array) -> None:
         _legend_above(axes, _HALF)
 
 
-def _over_time(axes: Axes, plan: Carried, ylabel: str) -> None:
+def _over_time(axes: Axes, plan: _Carried, ylabel: str) -> None:
     axes.set(xlabel="time [s]", ylabel=ylabel, xlim=(0, float(plan.times[-1])))
     grid(axes)
 

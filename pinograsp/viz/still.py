@@ -304,7 +304,7 @@ def _label(axes: Axes, scene: ViewScene, frame: int, camera: Camera, sheet: Shee
         for k, height in zip(chosen, heights):
             axes.annotate(
                 f"{make_label(scene.contacts[k])}  {scene.normal[frame, k]:.3g} N",
-                points[k],
+                (points[k, 0], points[k, 1]),
                 (margin if left else sheet.width - margin, height),
                 ha="left" if left else "right",
                 va="center",

@@ -102,8 +102,8 @@ def grid_values(start: float, stop: float, step: float) -> Array:
             f"{stop:g}"
         )
     count = int(np.floor((stop - start) / step * _ROUNDING + 1e-9)) + 1
-    values = start + step * np.arange(max(count, 0))
-    return read_only(np.round(values, 12))
+    values: Array = start + step * np.arange(max(count, 0), dtype=float)
+    return read_only(values.round(12))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,7 +120,7 @@ class TimeTable:
 def tabulate(problem: ForceProblem, grid: GridSpec) -> tuple[list[TimeTable], dict[str, int]]:
     """Steps 1-8: the part of the grid that meets Eqs. (13) and (14), and how many cells each of them rejected."""
     A, k = instance_of("grid", grid, GridSpec).accelerations, problem.k
-    rejections = dict.fromkeys((BY_TIME, BY_ACCELERATION, BY_SPEED, BY_DEPTH, BY_BALANCE, BY_LATTICE, BY_MEASURE), 0)
+    rejections = {by: 0 for by in (BY_TIME, BY_ACCELERATION, BY_SPEED, BY_DEPTH, BY_BALANCE, BY_LATTICE, BY_MEASURE)}
     kept = []
     for index, impact_time in enumerate(grid.impact_times):
         low, high = problem.impact_time_range

@@ -150,7 +150,8 @@ class _BranchAndBound:
         """Proven lower bound of the objective over t_I in [a, b]; infinite: the relaxation is proven infeasible."""
         problem = self.problem
         early, late = (energy_terms_at(problem, self.weights, t) for t in (a, b))
-        terms = {m: tuple((min(one, two), power) for (one, power), (two, _) in zip(early[m], late[m])) for m in early}
+        least = ([(min(x, y), p) for (x, p), (y, _) in zip(early[m], late[m])] for m in early)
+        terms = dict(zip(early, least))
         (_, hi), (lo, _) = problem.normal_force_range(a), problem.normal_force_range(b)
         program = assemble(self.matrices, problem.scaled_load, terms, lo, hi)
         found = self.solve(program)

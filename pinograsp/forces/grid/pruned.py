@@ -14,9 +14,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from pinograsp.checks import one_of
@@ -30,8 +31,6 @@ from pinograsp.forces.solution import GridSolution
 from pinograsp.forces.solve.multipliers import MultiplierSolution, refine_multipliers
 from pinograsp.forces.solve.solvers import QPSolverName, qp_solvers
 from pinograsp.spatial import Array, IntArray
-
-_Entries = TypeVar("_Entries", Array, IntArray)
 
 _PREFIXES = 2**20  # prefixes held at once: about 60 MB
 _NEVER = np.iinfo(np.int64).max
@@ -199,7 +198,7 @@ class _Search:
         return refined
 
 
-def _outer_sum(terms: list[_Entries]) -> _Entries:
+def _outer_sum(terms: list[NDArray[Any]]) -> NDArray[Any]:
     """All sums of one entry per term, flattened in grid order (the last term runs fastest)."""
     total = np.zeros(1, dtype=terms[0].dtype if terms else np.int64)
     for term in terms:

@@ -234,4 +234,4 @@ def _facets(friction: Friction, k: int) -> Array:
     D = np.vstack([square, friction.facets])
     rows = np.kron(np.eye(k), np.hstack([D, -np.ones((len(D), 1))]))
     first = np.arange(len(rows)) % len(D) < len(square)
-    return np.vstack([rows[first], rows[~first]])
+    return np.vstack([rows[first], rows[~first]], dtype=float)

@@ -36,7 +36,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Tolerance
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solve.program import Objective, Program, assemble, weights_of
+from pinograsp.forces.solve.program import EnergyTerms, Objective, Program, assemble, weights_of
 from pinograsp.forces.solve.solver_order import SolverOrder
 from pinograsp.spatial import Array, BoolArray, IntArray
 
@@ -398,7 +398,7 @@ def _problem(batch: ForceBatch, i: int) -> ForceProblem:
 def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple[ForceProblem, Program]:
     """Problem ``i`` alone, for the general methods; ``weights`` as of :func:`weights_of`."""
     problem, own = _problem(batch, i), batch.counts[i]
-    terms = {name: [(c, e) for c, e in batch.energies[name][i].tolist()] for name in MEASURES if weights.get(name)}
+    terms: EnergyTerms = {m: [(c, e) for c, e in batch.energies[m][i].tolist()] for m in MEASURES if weights.get(m)}
     matrices = matrices_of(problem, weights)
     return problem, assemble(matrices, problem.scaled_load, terms, batch.low[i, :own], batch.high[i, :own])
 

@@ -55,7 +55,7 @@ def to_socp(problem: ForceProblem, impact_time: float, *, objective: Objective |
     for power in method.exponents:
         unit = f"N^{power:.4g}"
         columns += [Column(name, f"f_n^{power:.4g}", unit, force**power) for name in _names(problem)]
-    known = vars(about) | {"columns": tuple(columns)}
+    known: dict[str, Any] = vars(about) | {"columns": tuple(columns)}
     socp = method.standard_form(program)
     socp = replace(socp, q=read_only(socp.q), b=read_only(socp.b))
     return ForceSOCP(**vars(socp), **known, torque_rows=(method.torque_at, len(program.R)))

@@ -75,13 +75,14 @@ def refine_multipliers(
     # Dimensionless, so that the solvers' tolerances mean the same for a millinewton and a kilonewton.
     H, b = H / scale, b / scale
     P = H.T @ H + _LEAST_NORM * np.eye(bound.size)
-    k = np.zeros(bound.size)
-    for _ in range(_PROXIMAL_STEPS):
+    k, left = np.zeros(bound.size), _PROXIMAL_STEPS
+    while True:
         # From the second pass on the weight pulls towards the last answer, not to zero, so its bias vanishes.
         found = solve_qp(solver, P, H.T @ b - _LEAST_NORM * k, lb=-bound, ub=bound)
         k = k if found is None else np.clip(found, -1.0, 1.0)
         solution = _certify(problem, normal, k.reshape(-1, 2), solver, scale)
-        if found is None or solution.status is not Status.INACCURATE or _may_balance(solution):
+        left -= 1
+        if found is None or not left or solution.status is not Status.INACCURATE or _may_balance(solution):
             break
     if _may_balance(solution):
         # Balance is not excluded: solve for it as an equation, without the small bias of the weight on ||k||.
