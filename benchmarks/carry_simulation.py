@@ -61,7 +61,7 @@ def grasp_of(name: str, rng):
         at[:3, 3] = [0.0, 0.0, 0.1034 + rng.uniform(-0.005, 0.005)]
         pose = hand.frame_placements(hand.resting, [hand.palm])[0] @ at
         box = pg.Box(size=[rng.uniform(0.03, 0.08), rng.uniform(0.02, 0.06), rng.uniform(0.03, 0.07)], mass=mass)
-        return pg.plan_grasp_on(hand, box.place(pose), conditions)
+        return pg.plan_grasp_on(hand, box.placed(pose), conditions)
     shape = pg.Sphere(radius=float(rng.uniform(0.03, 0.04)), mass=mass)
     if rng.random() < 0.5:
         shape = pg.Box(size=[0.05, 0.05, 0.1], mass=mass)

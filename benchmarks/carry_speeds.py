@@ -46,7 +46,7 @@ def jaws(mass: float, mu: float) -> GraspPlan:
     """The arm's own jaws on a box."""
     arm, at = robot("panda"), np.eye(4)
     at[2, 3] = 0.1034
-    box = pg.Box(size=(0.04, 0.04, 0.06), mass=mass).place(arm.frame_placements(arm.resting, [arm.palm])[0] @ at)
+    box = pg.Box(size=(0.04, 0.04, 0.06), mass=mass).placed(arm.frame_placements(arm.resting, [arm.palm])[0] @ at)
     return pg.plan_grasp_on(arm, box, pg.GraspConditions(mu=mu))
 
 

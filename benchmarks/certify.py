@@ -155,7 +155,7 @@ def squeezing(found: Certificates, i: int) -> Certificates:
     """Grasp i with all contacts pressing with the weight, where no friction has forces that balance."""
     weight = found.object.mass * 9.81
     forces = weight * found.normals_o
-    count, hand = int(found.counts[i]), found.hand.place(found.roots[i])
+    count, hand = int(found.counts[i]), found.hand.placed(found.roots[i])
     limits = pg.torque_limits(hand, found.contacts(i), found.q[i], limit=np.inf)
     torques = np.array(found.torques)
     torques[i] = limits.torques(forces[i, :count])

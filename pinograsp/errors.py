@@ -100,7 +100,7 @@ class InvalidInput(PinograspError, ValueError):
 
 
 class HandNotLoaded(InvalidInput):
-    """A hand description could not be used. ``problems`` lists everything found, not only the first."""
+    """A hand description could not be used. ``problems`` lists what was found, mostly all at once."""
 
     def __init__(self, source: str | Path, problems: list[str] | str):
         self.source = str(source)

@@ -289,7 +289,7 @@ def _(plan: CarryPlan) -> _Page:
         return Seen(
             hand=plan.robot,
             q=plan.q[peak],
-            body=held.body.place(now @ held.body.pose),
+            body=held.body.placed(now @ held.body.pose),
             points_o=contacts.points_o @ turn.T + shift,
             normals_o=contacts.rotations_oc[:, :, 2] @ turn.T,
             colours=colours,

@@ -53,7 +53,7 @@ def records(paper_case, paper_plan, tmp_path_factory):
     arm = pg.load_hand(file_of("panda"), posture=dict(zip(JOINTS, START)))
     at = np.eye(4)
     at[2, 3] = 0.1034
-    held = box.place(arm.frame_placements(arm.resting, ["panda_hand"])[0] @ at)
+    held = box.placed(arm.frame_placements(arm.resting, ["panda_hand"])[0] @ at)
     carried = plan_carry(arm, pg.plan_grasp_on(arm, held, conditions), WAYPOINTS, intervals=40)
     closure = found.best.closure
     (rows,) = read_grasps(npy(tmp_path_factory.mktemp("rows") / "a.npy", dexgraspnet_rows(some_grasps())))

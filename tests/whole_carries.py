@@ -106,7 +106,7 @@ def random_carry(arm, seed, k=None, friction=None):
     friction = FRICTION[rng.integers(len(FRICTION))] if friction is None else friction
     pose = arm.frame_placements(arm.resting, [arm.palm])[0].copy()
     pose[:3, 3] += 0.1 * pose[:3, 2]
-    body = pg.Sphere(radius=0.03, mass=float(rng.uniform(0.1, 0.5))).place(pose)
+    body = pg.Sphere(radius=0.03, mass=float(rng.uniform(0.1, 0.5))).placed(pose)
     angles = np.linspace(0, 2 * np.pi, k, endpoint=False) + rng.uniform(-0.3, 0.3, k)
     outward = np.column_stack([np.cos(angles), np.sin(angles), rng.uniform(-0.3, 0.3, k)])
     outward = outward / np.linalg.norm(outward, axis=1, keepdims=True) @ pose[:3, :3].T

@@ -111,7 +111,7 @@ def build_simulation_task(plan: CarryPlan, letting_go: float) -> Task:
     forces = plan.forces_o[-1] @ turn.T
     return Task(
         hand=robot,
-        body=carried.body.place(moved @ carried.body.pose),
+        body=carried.body.placed(moved @ carried.body.pose),
         times=times,
         q=np.concatenate([q, q[-1] + blend[:, None] * shift, way.q]),
         dq=np.concatenate([dq, rise[:, None] * shift, way.dq]),

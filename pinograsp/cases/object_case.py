@@ -182,7 +182,7 @@ class ObjectCase(CaseSection):
         if self.at is None:
             return self._find().best.closure
         turn = rotation_rpy(*np.radians(self.at[3:])) if len(self.at) == 6 else None
-        return close_hand(self.load_hand(), self.make_object().place(pose_of(self.at[:3], turn)), wrap=self.wrap)
+        return close_hand(self.load_hand(), self.make_object().placed(pose_of(self.at[:3], turn)), wrap=self.wrap)
 
     def problem(self) -> ForceProblem:
         """The force problem of the closed hand, without torque limits."""

@@ -185,7 +185,7 @@ class Certificates:
         return "; ".join(dict.fromkeys(ratio.why for ratio in ratios)) or "links share what presses"
 
     def contacts(self, i: int) -> ContactSet:
-        """The contacts of grasp i, with its posture, for the rest of the package; of ``hand.place(roots[i])``.
+        """The contacts of grasp i, with its posture, for the rest of the package; of ``hand.placed(roots[i])``.
 
         Raises:
             InvalidInput: it has none, or there is no such grasp.
@@ -196,7 +196,7 @@ class Certificates:
             raise InvalidInput(
                 f"grasp {i}: expected one that touches the object: {Status.from_code(self.reason[i]).words}"
             )
-        hand = self.hand.place(self.roots[i])
+        hand = self.hand.placed(self.roots[i])
         data = hand.model.createData()
         pin.forwardKinematics(hand.model, data, np.array(self.q[i]))
         found = []

@@ -37,7 +37,7 @@ def make_trial(certificates: Certificates, i: int) -> Task:
     normal = certificates.normal_forces[i, :count]
     if not np.any(normal > 0):
         raise InvalidInput(f"grasp {i}: expected one with forces: {certificates.words(i)}")
-    conditions, hand = certificates.conditions, certificates.hand.place(certificates.roots[i])
+    conditions, hand = certificates.conditions, certificates.hand.placed(certificates.roots[i])
     problem, q = certificates.problem(i), certificates.q[i]
     law, contacts = conditions.compliance, problem.contacts
     limit = effort_of(hand, conditions.torque_limit)
@@ -59,7 +59,7 @@ def make_trial(certificates: Certificates, i: int) -> Task:
     torques = own_weight + way * (certificates.torques[i] - own_weight)
     return Task(
         hand=hand,
-        body=body.move(shift[:3], pin.exp3(shift[3:])),
+        body=body.moved(shift[:3], pin.exp3(shift[3:])),
         times=read_only(times),
         q=read_only(path),
         dq=read_only(speed),

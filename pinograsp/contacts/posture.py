@@ -193,7 +193,7 @@ class _Posture:
         """The touch of a link that is near, with its patch: as if the object were moved to where it just touches."""
         pose = np.array(self.body.pose)
         pose[:3, 3] -= one.gap * one.normal
-        self.distances.put_object(self.body.place(pose))
+        self.distances.put_object(self.body.placed(pose))
         patch = self.distances.patch(one.part, one.point, one.normal)
         point = patch.mean(axis=0) if len(patch) > 1 else one.point
         local = self.distances.data.oMi[one.part.joint].actInv(point)

@@ -81,7 +81,7 @@ class PushedObject:
                 gaps -= np.linalg.norm(new[:3] - motion[:3]) + np.linalg.norm(new[3:] - motion[3:]) * radius / arm
                 exact[:] = False
                 motion = new
-                body = given.move(motion[:3], pin.exp3(motion[3:] / arm))
+                body = given.moved(motion[:3], pin.exp3(motion[3:] / arm))
             self.distances.put(q, body)
             while True:
                 worst = int(np.argmin(gaps))

@@ -130,7 +130,7 @@ def load_hand(
     if hulls:
         shapes = tuple(one.geometry for one in hand.geometry.geometryObjects)
         hand = replace(hand, geometry=geometry.hulls(hand.geometry), own_shapes=shapes)
-    return hand if pose is None else hand.place(pose)
+    return hand if pose is None else hand.placed(pose)
 
 
 def _build_model(source: str, prepared: PreparedHand) -> pin.Model:

@@ -283,7 +283,7 @@ class HandModel:
         one_of(f"frame of hand '{self.name}'", name, [frame.name for frame in self.model.frames])
         return int(self.model.getFrameId(name))
 
-    def place(self, pose: ArrayLike) -> HandModel:
+    def placed(self, pose: ArrayLike) -> HandModel:
         """The same hand with its root frame at ``pose`` = oMh (4, 4)."""
         pose = placement_of("hand pose", pose)
         if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-12:

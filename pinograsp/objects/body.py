@@ -192,13 +192,13 @@ class Body:
         turn = self.shape_b[:3, :3]
         return read_only(turn.T @ self.inertia_b @ turn)
 
-    def place(self: _Solid, pose: ArrayLike) -> _Solid:
+    def placed(self: _Solid, pose: ArrayLike) -> _Solid:
         """The same solid with its body frame at ``pose`` oMb (4, 4) [m]."""
         moved = copy.copy(self)
         moved._put(pose)
         return moved
 
-    def move(self: _Solid, shift_o: ArrayLike, turn_o: ArrayLike) -> _Solid:
+    def moved(self: _Solid, shift_o: ArrayLike, turn_o: ArrayLike) -> _Solid:
         """The same solid turned by ``turn_o`` (3, 3) about its centre of mass, which moves by ``shift_o`` (3,) [m].
 
         Both are in the world's axes.
@@ -207,7 +207,7 @@ class Body:
         pose = np.array(self.pose)
         pose[:3, :3] = turn @ pose[:3, :3]
         pose[:3, 3] = self.com_o + array_of("shift", shift_o, (3,)) + turn @ (pose[:3, 3] - self.com_o)
-        return self.place(pose)
+        return self.placed(pose)
 
     def project(self, points_o: ArrayLike) -> tuple[Array, Array, Array]:
         """Nearest surface points (k, 3) [m], inward unit normals (k, 3) and signed distances (k,) [m].

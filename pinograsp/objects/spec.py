@@ -122,7 +122,7 @@ def object_language() -> list[str]:
 
 
 def object_from(spec: str, *, packages: Mapping[str, str | Path] | None = None) -> Body:
-    """The object that a text describes, at the world's origin (move it with ``place``).
+    """The object that a text describes, at the world's origin (move it with ``placed``).
 
     ``shape:field=value,field=value,...`` with the fields of the shapes in metres, kilograms and kg/m^3:
     ``"cylinder:radius=0.02,height=0.12,mass=0.2"``, ``"box:size=0.04x0.06x0.1,density=500"``,

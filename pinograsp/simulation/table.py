@@ -29,7 +29,7 @@ class Table:
         if size == 0:
             raise InvalidInput("support 'table': expected gravity, got none: nothing lies on a table then")
         self.up: Array = -gravity_o / size
-        self.body = body.place(inverse_of(body.shape_b))
+        self.body = body.placed(inverse_of(body.shape_b))
         self.corners, self.below = _corners(body), _below(body, self.up)
         arms = self._arms(pose)
         heights = (arms + pose[:3, 3]) @ self.up

@@ -102,7 +102,7 @@ def _certifier(payload: bytes, name: str, content: str, scale: float, pose: byte
     """What certifies grasps of an object; ``content``: of its files, which are read again where it is another."""
     given = _load(payload)
     body = object_in(given.objects, name, scale=scale, mass=given.mass, density=given.density)
-    body = body.place(np.frombuffer(pose).reshape(4, 4) @ body.pose)
+    body = body.placed(np.frombuffer(pose).reshape(4, 4) @ body.pose)
     return Certifier(given.hand, body, given.conditions, tolerance=given.tolerance, drives=given.drives, threads=1)
 
 

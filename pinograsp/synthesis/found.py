@@ -182,8 +182,8 @@ def _move_hand(closure: Closure) -> Closure:
     )
     return replace(
         closure,
-        hand=closure.hand.place((back * pin.SE3(np.array(closure.hand.pose))).homogeneous),
-        object=closure.object.place((back * pin.SE3(np.array(closure.object.pose))).homogeneous),
+        hand=closure.hand.placed((back * pin.SE3(np.array(closure.hand.pose))).homogeneous),
+        object=closure.object.placed((back * pin.SE3(np.array(closure.object.pose))).homogeneous),
         touches=touches,
         pushed=np.eye(4),
     )

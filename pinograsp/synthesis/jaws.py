@@ -46,7 +46,7 @@ def centre_on(hand: HandModel, body: Body, opened: Array, closed: Array) -> Clos
         pressing = [name for name, one in near.items() if name in fingers and one.gap < 2 * body.bounding_radius]
         if len(pressing) < 2 or touching.issuperset(pressing):
             break
-        hand = hand.place(_even_out(hand, body, closure.q, way, [near[name] for name in pressing]))
+        hand = hand.placed(_even_out(hand, body, closure.q, way, [near[name] for name in pressing]))
     if closure is None or len({touch.finger for touch in closure.touches} & fingers) < 2:
         return None
     return closure

@@ -137,7 +137,7 @@ def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
             posed, tried = moved, other
     if tried.grasp is None:
         return Batch(outcomes, None)
-    exact = _try_closing(case, Posed(case.hand.place(posed.hand.pose), posed.opened, posed.closed)).grasp
+    exact = _try_closing(case, Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed)).grasp
     if exact is None:
         return Batch(outcomes, None)
     forces = replace(exact.forces, problem=replace(exact.forces.problem, object=None))
@@ -262,7 +262,7 @@ def _pose(rotation: Array, at: Array) -> Array:
 def _clear(case: SearchCase, pose: Array, out: Array, opened: Array) -> HandModel | None:
     """The hand taken back against ``out`` (3,) until it is clear of the object; None where it stays in its way."""
     for _ in range(_BACKWARDS):
-        placed = case.rough.place(pose)
+        placed = case.rough.placed(pose)
         gap = clearance(placed, case.body, opened)
         if gap > _ON:
             return placed
@@ -284,7 +284,7 @@ def _move(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float)
     spread &= posed.opened == posed.closed
     by = np.where(spread, size * _SPREAD * rng.normal(size=hand.n) * (hand.upper - hand.lower), 0.0)
     opened, closed = (np.clip(q + by, hand.lower, hand.upper) for q in (posed.opened, posed.closed))
-    return Posed(case.rough.place(pose), opened, closed)
+    return Posed(case.rough.placed(pose), opened, closed)
 
 
 def _press_on(hand: HandModel, body: Body, q: Array, direction: Array) -> HandModel | None:
@@ -298,5 +298,5 @@ def _press_on(hand: HandModel, body: Body, q: Array, direction: Array) -> HandMo
         if moved > 10 * body.bounding_radius:
             return None
         pose[:3, 3] += (gap - 0.2 * _ON) * direction
-        hand = hand.place(pose)
+        hand = hand.placed(pose)
     return None

@@ -286,7 +286,7 @@ def _remarks(hand: HandModel) -> tuple[str, ...]:
 
 def _with_bodies(hand: HandModel, body: Body, grasp: FoundGrasp) -> FoundGrasp:
     """A grasp as it came from another process, with its hand and object."""
-    closure = replace(grasp.closure, hand=hand.place(grasp.pose), object=body)
+    closure = replace(grasp.closure, hand=hand.placed(grasp.pose), object=body)
     forces = replace(grasp.forces, problem=replace(grasp.forces.problem, object=body))
     return replace(grasp, closure=closure, forces=forces)
 

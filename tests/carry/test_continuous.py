@@ -57,7 +57,7 @@ def arm(file):
 def grasp(arm):
     at = np.eye(4)
     at[2, 3] = 0.06
-    box = pg.Box(size=(0.03, 0.03, 0.06), mass=0.2).place(at)
+    box = pg.Box(size=(0.03, 0.03, 0.06), mass=0.2).placed(at)
     return pg.plan_grasp_on(arm, box, pg.GraspConditions(mu=0.6, reserve=None), progress=False)
 
 

@@ -109,7 +109,7 @@ def test_a_grasp_planned_elsewhere_is_in_the_same_hand(arm, grasp, scene):
     turn = Rotation.from_euler("xyz", [0.4, 0.2, -1.0]).as_matrix()
     shift = pose_of(np.array([0.3, -0.2, 0.5]), turn)
     box = pg.Box(size=[0.04, 0.04, 0.06], mass=0.2, pose=shift @ grasp.body.pose)
-    away = pg.plan_grasp_on(arm.place(shift @ arm.pose), box, pg.GraspConditions(mu=0.6))
+    away = pg.plan_grasp_on(arm.placed(shift @ arm.pose), box, pg.GraspConditions(mu=0.6))
     other = carry_scene(plan_carry(arm, away, WAYPOINTS, intervals=20))
     for i, k in ((0, 0), (-1, -1)):
         np.testing.assert_allclose(other.object_at(i)[:3], scene.object_at(k)[:3], atol=1e-9)

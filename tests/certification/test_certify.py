@@ -38,7 +38,7 @@ def ball(closure, radius, mass=0.1):
 def jaws():
     """A Panda gripper closed on a box, flat on flat, its fingers pointing down."""
     hand = pg.load_hand("panda")
-    hand = hand.place(pg.spatial.pose_of(rotation=pg.spatial.rotation_rpy(np.pi, 0, 0)))
+    hand = hand.placed(pg.spatial.pose_of(rotation=pg.spatial.rotation_rpy(np.pi, 0, 0)))
     pose = hand.pose @ pg.spatial.pose_of([0.0, 0.0, 0.1034])
     return close_hand(hand, pg.Box(size=(0.03, 0.03, 0.03), mass=0.1, pose=pose))
 
@@ -62,7 +62,7 @@ def mug(folder):
     inner.apply_translation([0, 0, 0.006])
     path = folder / "mug.stl"
     trimesh.boolean.difference([outer, inner], engine="manifold").export(path)
-    return pg.Mesh.load(path, density=500.0).place(PLACE)
+    return pg.Mesh.load(path, density=500.0).placed(PLACE)
 
 
 # --- contacts
@@ -73,7 +73,7 @@ def compare(hand, body, q, roots, tolerance=2e-3):
     scene, apart = BulkScene(hand, body), []
     found = scene.contacts(q, roots, tolerance=tolerance)
     for i in range(len(q)):
-        exact = contacts_of(hand.place(roots[i]), body, q[i], tolerance=tolerance)
+        exact = contacts_of(hand.placed(roots[i]), body, q[i], tolerance=tolerance)
         ours = {scene.links[scene.link_of[found.part[t]]]: t for t in np.flatnonzero(found.grasp == i)}
         theirs = {touch.link: touch for touch in exact.touches}
         clear = {link for link, touch in theirs.items() if abs(abs(touch.gap) - tolerance) > 1e-5}
@@ -104,7 +104,7 @@ def test_contacts_of_a_mesh_that_is_not_convex_are_its_own_and_not_its_parts(tmp
     apart = np.zeros((0, 2))
     for shift in rng.normal(scale=0.01, size=(6, 3)):
         try:
-            closure = close_hand(hand, body.place(pg.spatial.pose_of(shift, np.eye(3)) @ body.pose))
+            closure = close_hand(hand, body.placed(pg.spatial.pose_of(shift, np.eye(3)) @ body.pose))
         except NoGrasp:
             continue
         apart = np.vstack([apart, compare(closure.hand, closure.object, *near(closure, 12, 6))])
@@ -129,7 +129,7 @@ def test_the_object_touches_where_it_is_and_not_where_the_hand_was_loaded(allegr
     q, roots = near(allegro, 20, 7)
     before = certify(allegro.hand, allegro.object, q, CONDITIONS, roots=roots)
     motion = pg.spatial.pose_of([0.3, -0.2, 0.5], pg.spatial.rotation_rpy(0.4, -1.1, 2.0))
-    body = allegro.object.place(motion @ allegro.object.pose)
+    body = allegro.object.placed(motion @ allegro.object.pose)
     turned = pg.GraspConditions(mu=0.6, gravity_o=motion[:3, :3] @ DOWN)
     after = certify(allegro.hand, body, q, turned, roots=motion @ roots)
     assert np.array_equal(before.reason, after.reason) and before.held.sum() > 5
@@ -161,7 +161,7 @@ def test_certified_forces_balance_and_keep_to_friction_and_torques(allegro):
         assert (across <= 0.48 * normal + 1e-9).all()  # with the fifth of friction that is kept back
         assert found.reserve[i] >= 1 and found.least_mu[i] < 0.6 and found.effort[i] <= 1
         problem = found.problem(i)
-        limits = pg.torque_limits(allegro.hand.place(roots[i]), problem.contacts, q[i])
+        limits = pg.torque_limits(allegro.hand.placed(roots[i]), problem.contacts, q[i])
         expected = limits.torques(f, found.torsion[i, own, None] * n)
         assert np.allclose(found.torques[i], expected, atol=1e-9)
         # The rest of the package finds forces there as well.
@@ -253,7 +253,7 @@ def test_jaws_score_the_angle_of_what_they_squeeze(jaws):
         corners = [[x - s * 0, y * (x + t * slope), 0.015 * t] for s in (1,) for y in (-1, 1) for t in (-1, 1)]
         corners = np.array([[c * 0.015, y, z] for c in (-1, 1) for _, y, z in corners])
         body = pg.Mesh(vertices=corners, faces=trimesh.convex.convex_hull(corners).faces, convex=True, mass=0.1)
-        found = certify(jaws.hand, body.place(jaws.object.pose), jaws.q[None], CONDITIONS, patches=False)
+        found = certify(jaws.hand, body.placed(jaws.object.pose), jaws.q[None], CONDITIONS, patches=False)
         assert found.antipodal_mu[0] == pytest.approx(np.tan(angle), abs=2e-3)
 
 

@@ -201,7 +201,7 @@ def test_moving_hand_and_object_together_changes_nothing(allegro):
     still = close_hand(allegro, ball)
     move = pin.SE3(pin.exp3(np.array([0.3, -1.2, 0.7])), np.array([0.4, -0.2, 1.1]))
     moved = close_hand(
-        allegro.place(move.homogeneous @ allegro.pose),
+        allegro.placed(move.homogeneous @ allegro.pose),
         Sphere(radius=0.03, mass=0.2, pose=move.homogeneous @ ball.pose),
     )
     assert moved.q == pytest.approx(still.q, abs=1e-9)

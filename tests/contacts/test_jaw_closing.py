@@ -25,7 +25,7 @@ def test_both_jaws_touch_and_the_hand_gives_way(shift, turn):
     # Along the way that the jaws close, the axis is in their middle.
     local = np.linalg.inv(moved[0]) @ body.pose
     assert abs(local[1, 3]) < 5e-6
-    exact = close_hand(hand.place(moved[0]), body)
+    exact = close_hand(hand.placed(moved[0]), body)
     assert exact.q[0] == pytest.approx(q[0, 0], abs=2e-6)
     found = scene.contacts(q, moved, tolerance=1e-4)
     assert sorted(scene.links[scene.link_of[part]] for part in found.part) == ["panda_leftfinger", "panda_rightfinger"]

@@ -24,10 +24,10 @@ def ball():
 def jaws():
     """A Panda gripper closed on a box, flat on flat."""
     hand = load_hand("panda")
-    box = Box(size=(0.03, 0.03, 0.03), mass=0.1).place(hand.pose)
+    box = Box(size=(0.03, 0.03, 0.03), mass=0.1).placed(hand.pose)
     pose = np.array(box.pose)
     pose[:3, 3] += hand.pose[:3, :3] @ [0.0, 0.0, 0.1034]
-    return close_hand(hand, box.place(pose))
+    return close_hand(hand, box.placed(pose))
 
 
 @pytest.mark.parametrize("name", ["ball", "jaws"])
@@ -54,7 +54,7 @@ def test_an_object_that_is_off_is_outside_one_jaw_and_inside_the_other(jaws, shi
     normal = jaws.touches[0].normal_o
     pose = np.array(jaws.object.pose)
     pose[:3, 3] += shift * normal
-    moved = jaws.object.place(pose)
+    moved = jaws.object.placed(pose)
     found = contacts_of(jaws.hand, moved, jaws.q, tolerance=1e-3)
     gaps = {touch.link: touch.gap for touch in found.touches}
     first, second = (touch.link for touch in jaws.touches[:2])

@@ -105,7 +105,7 @@ def test_fingertips_are_where_they_were_on_another_description(tmp_path):
     np.testing.assert_allclose(after, before, atol=1e-7)
     assert np.abs(q_there[:, hand.joint_names.index("Ja1")] + q[:, file_hand.joint_names.index("a_1")]).max() == 0
     # The hand where it stands in a scene does not matter: its root is placed anew.
-    moved = hand.place(random_poses(1, 4)[0])
+    moved = hand.placed(random_poses(1, 4)[0])
     again, _ = place_hand(rows, moved, original=file_hand, joints=NAMES)
     np.testing.assert_allclose(again, there, atol=1e-7)
 

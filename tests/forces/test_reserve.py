@@ -89,7 +89,7 @@ def test_the_set_turns_with_body_and_gravity(turn):
     pose = np.eye(4)
     pose[:3, :3] = R
     loads = Reserve().load_set(body, gravity).loads
-    turned = Reserve().load_set(body.place(pose), R @ gravity).loads
+    turned = Reserve().load_set(body.placed(pose), R @ gravity).loads
     assert turned[:, :3] == pytest.approx(loads[:, :3] @ R.T, abs=1e-9)
     assert turned[:, 3:] == pytest.approx(loads[:, 3:] @ R.T, abs=1e-9)
 

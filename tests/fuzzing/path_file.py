@@ -45,7 +45,7 @@ def prepare() -> None:
     path = Path(tempfile.mkdtemp(prefix="fuzzing-arm-")) / "arm.urdf"
     path.write_text(text)
     arm = pg.load_hand(path)
-    box = pg.Box(size=(0.03, 0.03, 0.06), mass=0.2).place(translate(0, 0, 0.06))
+    box = pg.Box(size=(0.03, 0.03, 0.06), mass=0.2).placed(translate(0, 0, 0.06))
     conditions = pg.GraspConditions(mu=0.6, reserve=None)
     _HELD[:] = [arm, pg.plan_grasp_on(arm, box, conditions, progress=False)]
 

@@ -144,7 +144,7 @@ def _add_objects(call: Callable) -> None:
         points = np.array([[0.011, 0.002, 0.003], [0.001, 0.032, 0.001]])
         for method in (body.project, body.curvature):
             call(method, f"{shape.__name__}.{method.__name__}", points_o=points)
-        call(body.place, f"{shape.__name__}.place")
+        call(body.placed, f"{shape.__name__}.placed")
     call(pg.object_from, spec="cylinder:radius=0.02,height=0.12,mass=0.2")
 
 
@@ -333,7 +333,7 @@ def _add_hands(call: Callable) -> None:
         call(method)
     call(hand.frame_id, name=hand.fingers[0].tip)
     call(hand.frame_placements, names=[hand.fingers[0].tip])
-    call(hand.place)
+    call(hand.placed)
     call(hand.with_limits, limits={hand.joint_names[0]: (-0.5, 0.5)})
     moved = {"joints": hand.joint_names[:2], "arms": (0.01, 0.02)}
     drive = {"name": "d", **moved, "control": "position", "limit": 3.0, "stiffness": 2.0, "damping": 0.1}

@@ -29,14 +29,14 @@ RATE = {"rate": 250.0}
 def panda():
     """A ball between jaws that close along the horizontal."""
     down = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.1034]))
-    hand = pg.load_hand("panda").place(down.homogeneous)
+    hand = pg.load_hand("panda").placed(down.homogeneous)
     return pg.plan_grasp_on(hand, pg.Sphere(radius=0.025, mass=0.1), pg.GraspConditions(mu=0.7))
 
 
 @pytest.fixture(scope="module")
 def allegro():
     turn = pin.Quaternion(np.array([0.1018, 0.7958, -0.3877, -0.454])).normalized().toRotationMatrix()
-    hand = pg.load_hand("allegro_right").place(pin.SE3(turn, np.array([0.0511, -0.0154, -0.02])).homogeneous)
+    hand = pg.load_hand("allegro_right").placed(pin.SE3(turn, np.array([0.0511, -0.0154, -0.02])).homogeneous)
     friction = pg.Friction(model="cone", safety=1.2)
     return pg.plan_grasp_on(hand, pg.Sphere(radius=0.03, mass=0.1), pg.GraspConditions(mu=0.7, friction=friction))
 
@@ -395,7 +395,7 @@ def test_an_object_that_is_not_convex_holds_in_its_scene(tmp_path):
     tray = pg.Mesh(vertices=made.vertices, faces=made.faces, mass=0.05)
     down = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.047, 0.025 + 0.0924]))
     plan = pg.plan_grasp_on(
-        pg.load_hand("panda").place(down.homogeneous),
+        pg.load_hand("panda").placed(down.homogeneous),
         tray,
         pg.GraspConditions(mu=0.7),
     )

@@ -31,7 +31,7 @@ COLUMNS = ("q", "dq", "ddq", "effort")
 def closed(name, body, position, quaternion):
     """The hand closed on the body from a place [m] and orientation (x, y, z, w) of its root that a search has found."""
     turn = pin.Quaternion(np.array(quaternion)).normalized().toRotationMatrix()
-    hand = pg.load_hand(name).place(pin.SE3(turn, np.array(position)).homogeneous)
+    hand = pg.load_hand(name).placed(pin.SE3(turn, np.array(position)).homogeneous)
     friction = pg.Friction(model="cone", safety=1.2)
     return pg.plan_grasp_on(hand, body, pg.GraspConditions(mu=0.7, friction=friction, reserve=None))
 

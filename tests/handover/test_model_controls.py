@@ -80,7 +80,7 @@ def plan(tmp_path_factory):
     path.write_text(gripper())
     at = np.eye(4)
     at[0, 3] = 0.055
-    box = pg.Box(size=(0.03, 0.03, 0.03), mass=0.05).place(at)
+    box = pg.Box(size=(0.03, 0.03, 0.03), mass=0.05).placed(at)
     return pg.plan_grasp_on(pg.load_hand(path), box, pg.GraspConditions(mu=0.8, reserve=None), progress=False)
 
 
@@ -177,7 +177,7 @@ def test_a_coupling_that_the_model_lacks_is_told(tmp_path):
     (tmp_path / "jaws.xml").write_text(jaws('<joint joint1="jr" joint2="jl"/>'))
     at = np.eye(4)
     at[2, 3] = 0.06
-    box, conditions = pg.Box(size=(0.02, 0.03, 0.03), mass=0.1).place(at), pg.GraspConditions(mu=0.6, reserve=None)
+    box, conditions = pg.Box(size=(0.02, 0.03, 0.03), mass=0.1).placed(at), pg.GraspConditions(mu=0.6, reserve=None)
     plan = pg.plan_grasp_on(pg.load_hand(tmp_path / "jaws.xml"), box, conditions, progress=False)
     for tie, told in (('<joint joint1="jr" joint2="jl"/>', False), ("", True)):
         notes = sent_to(plan, mujoco.MjModel.from_xml_string(jaws(tie)), tmp_path)[1]

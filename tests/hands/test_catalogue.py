@@ -70,7 +70,7 @@ def test_placing_moves_model_and_geometry_alike(name):
         return np.array([M.homogeneous for M in at.oMg]), one.frame_placements(q, names)
 
     geometry, frames = everything(hand)
-    for placed in (hand.place(second), hand.place(first).place(second)):
+    for placed in (hand.placed(second), hand.placed(first).placed(second)):
         moved, links = everything(placed)
         assert np.abs(moved - second @ geometry).max(initial=0) < 1e-12
         assert np.abs(links - second @ frames).max() < 1e-12

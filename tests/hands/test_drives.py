@@ -447,7 +447,7 @@ def test_drives_stronger_than_their_joints_are_noted(tmp_path):
 
 def test_drives_stay_with_the_hand_where_it_goes(tmp_path):
     hand = urdf(tmp_path, fingers(), drives=[TENDON], springs=[SPRING], pose=np.diag([-1.0, -1.0, 1.0, 1.0]))
-    for one in (hand, hand.place(np.eye(4)), hand.with_limits({"r1": (-0.5, 0.5)}), pickle.loads(pickle.dumps(hand))):
+    for one in (hand, hand.placed(np.eye(4)), hand.with_limits({"r1": (-0.5, 0.5)}), pickle.loads(pickle.dumps(hand))):
         assert one.drives == (TENDON,) and one.springs == (SPRING,)
         assert np.array_equal(one.transmission, hand.transmission)
 

@@ -202,7 +202,7 @@ def test_placing_moves_every_frame_rigidly(hand):
     q = np.random.default_rng(0).uniform(plain.lower, plain.upper)
     names = ["palm", "index_tip", "ring_distal", "index_metacarpal"]
     assert np.abs(hand.frame_placements(q, names) - hand.pose @ plain.frame_placements(q, names)).max() < 1e-12
-    assert np.abs(hand.place(np.eye(4)).frame_placements(q, names) - plain.frame_placements(q, names)).max() < 1e-12
+    assert np.abs(hand.placed(np.eye(4)).frame_placements(q, names) - plain.frame_placements(q, names)).max() < 1e-12
 
 
 def test_widened_limit_is_reported(hand):
@@ -221,7 +221,7 @@ def test_names_that_do_not_exist_are_refused_with_suggestions(hand):
     with pytest.raises(InvalidInput, match="lower < upper"):
         hand.with_limits({"index_mcp": (1, 0)})
     with pytest.raises(InvalidInput, match="orthonormal"):
-        hand.place(2 * np.eye(4))
+        hand.placed(2 * np.eye(4))
 
 
 # -- any hand from a file ----------------------------------------------------------------------------------------------
@@ -455,16 +455,16 @@ def test_the_roots_inertia_counts_and_moves_with_the_hand(tmp_path):
     assert hand.mass == pytest.approx(0.2) and hand.model.inertias[0].mass == 0.1
     pose = np.eye(4)
     pose[:3, 3] = [1, 2, 3]
-    assert hand.place(pose).model.inertias[0].lever.tolist() == [1, 2, 3]
+    assert hand.placed(pose).model.inertias[0].lever.tolist() == [1, 2, 3]
     assert hand.model.inertias[0].lever.tolist() == [0, 0, 0]
     # A pose typed with few digits is taken as the nearest rotation; one that is none is refused.
     rough = np.round(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), 7)
     pose[:3, :3] = rough
-    R = hand.place(pose).pose[:3, :3]
+    R = hand.placed(pose).pose[:3, :3]
     assert np.abs(R.T @ R - np.eye(3)).max() < 1e-15 and np.abs(R - rough).max() < 1e-7
     pose[3] = [0, 0, 1, 1]
     with pytest.raises(InvalidInput, match="last row"):
-        hand.place(pose)
+        hand.placed(pose)
 
 
 def test_palm_joints_are_described_too(tmp_path):

@@ -352,7 +352,7 @@ def test_limits_of_sliding_joints_are_in_metres(tmp_path):
 @pytest.mark.parametrize("name", slow_except(COUPLED, *SOME_HANDS))
 def test_coupled_hands_go_to_other_processes(name):
     """Pinocchio's own copies of mimic joints crash after pickling (4.1)."""
-    hand = loaded(name).place(pin.SE3.Random().homogeneous)
+    hand = loaded(name).placed(pin.SE3.Random().homogeneous)
     there = pickle.loads(pickle.dumps(hand))
     q = np.random.default_rng(0).uniform(hand.lower, hand.upper)
     assert there.joint_names == hand.joint_names and there.couplings == hand.couplings

@@ -80,7 +80,7 @@ def test_a_placeholder_does_not_decide_the_torques_of_a_plan(tmp_path):
     """The same hand with the inertia of its shapes needs the same torques, and no more than its motors have."""
     at = np.eye(4)
     at[2, 3] = 0.05
-    ball = pg.Box(size=(0.02, 0.02, 0.04), mass=0.05).place(at)
+    ball = pg.Box(size=(0.02, 0.02, 0.04), mass=0.05).placed(at)
     peaks = []
     for name, own in (("sound", SOUND), ("placeholder", inertial(M, 1, 1, 1))):
         hand = load_hand(write(tmp_path / name, own))

@@ -45,7 +45,7 @@ def test_links_left_out_touch_nothing_and_weigh_the_same(gripper):
     assert "exclude=): right_jaw, palm" in " ".join(without.notes)
     closed = hand.upper
     assert SelfCollisions(hand).at(closed) == BOTH and SelfCollisions(without).at(closed) == set()
-    box = pg.Box(size=(0.02, 0.02, 0.02), mass=0.05).place(
+    box = pg.Box(size=(0.02, 0.02, 0.02), mass=0.05).placed(
         np.array([[1, 0, 0, 0.02], [0, 1, 0, 0], [0, 0, 1, 0.05], [0, 0, 0, 1]])
     )
     assert {one.finger for one in pg.close_hand(hand, box).touches} >= {"right"}

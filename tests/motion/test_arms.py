@@ -32,7 +32,7 @@ def grasp(mounted, gravity_o):
     start, target = q.copy(), q.copy()
     start[-1], target[-1] = 0.04, 0.0
     between = hand.frame_placements(q, ["panda_hand"])[0] @ pin.SE3(np.eye(3), np.array([0, 0, 0.1034])).homogeneous
-    box = pg.Box(size=(0.04, 0.04, 0.05), mass=MASS).place(between)
+    box = pg.Box(size=(0.04, 0.04, 0.05), mass=MASS).placed(between)
     closure = pg.close_hand(hand, box, start=start, target=target)
     return hand, pg.plan_grasp_on(hand, closure, pg.GraspConditions(mu=0.6, gravity_o=gravity_o))
 
@@ -86,7 +86,7 @@ def test_an_arms_grasp_is_kept_and_simulated(tmp_path):
 def between_jaws(hand):
     """A box of 0.3 kg between the open jaws of the hand where its arm stays."""
     between = hand.frame_placements(hand.resting, ["panda_hand"])[0] @ pin.SE3(np.eye(3), np.array([0, 0, 0.1034]))
-    return pg.Box(size=(0.04, 0.04, 0.05), mass=MASS).place(between)
+    return pg.Box(size=(0.04, 0.04, 0.05), mass=MASS).placed(between)
 
 
 @pytest.mark.slow
@@ -109,7 +109,7 @@ def test_an_arm_stays_where_it_is_told_once(tmp_path):
     welded = pin.rnea(model, model.createData(), plan.motion.q[-1], still, still)
     assert plan.motion.holding_torques[:7] == pytest.approx(welded[:7], abs=3e-3)
     again = pg.load_run(pg.save_run(plan, tmp_path / "run"))
-    assert again.hand.posture == ARM and again.hand.place(UPRIGHT).posture == ARM
+    assert again.hand.posture == ARM and again.hand.placed(UPRIGHT).posture == ARM
 
 
 @pytest.mark.slow

@@ -49,15 +49,15 @@ def test_the_deepest_hit_on_the_way(hand):
     """A ball put where a fingertip passes: the link, and the depth that is deep enough."""
     q = np.linspace(0.0, 1.0, 11)[:, None] * (hand.lower + hand.upper) / 2
     ball = pg.Sphere(radius=0.005, mass=0.1)
-    assert Way(hand, ball.place(pg.spatial.pose_of([0.5, 0.5, 0.5]))).deepest_hit(q) is None
+    assert Way(hand, ball.placed(pg.spatial.pose_of([0.5, 0.5, 0.5]))).deepest_hit(q) is None
     data, finger = hand.model.createData(), hand.fingers[1]
     pin.forwardKinematics(hand.model, data, q[6])
     inside = pg.spatial.pose_of(data.oMi[finger.joint_ids[-1]].translation)
-    hit = Way(hand, ball.place(inside)).deepest_hit(q)
+    hit = Way(hand, ball.placed(inside)).deepest_hit(q)
     assert hit is not None and hit.depth > 0.004 and hit.link in finger.links
-    alone = Way(hand, ball.place(inside)).deepest_hit(q[hit.sample : hit.sample + 1])
+    alone = Way(hand, ball.placed(inside)).deepest_hit(q[hit.sample : hit.sample + 1])
     assert alone is not None and alone.depth == pytest.approx(hit.depth, abs=1e-9)
-    assert Way(hand, ball.place(inside)).deepest_hit(q, allowed=hit.depth + 1e-6) is None
+    assert Way(hand, ball.placed(inside)).deepest_hit(q, allowed=hit.depth + 1e-6) is None
 
 
 @pytest.fixture(scope="module")

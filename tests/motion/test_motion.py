@@ -473,7 +473,7 @@ def test_posture_start_and_idle_fingers_are_followed(hand, make_problem, final_a
 
 
 def test_effort_limits_are_reported(hand, make_problem, final_angles):
-    weak = hand.place(hand.pose)
+    weak = hand.placed(hand.pose)
     weak.model.effortLimit = np.full(20, 0.5)
     motion = plan_motion(weak, grid_search(make_problem()), MotionSpec(posture=final_angles, samples=1))
     assert any("effort limit" in note and "thumb_cmc" in note for note in motion.notes)

@@ -118,7 +118,7 @@ def test_the_frame_is_that_of_the_file(way, tmp_path):
     corners = middle_b[:3, :3] @ (0.5 * SIZE[:, None] * np.array([[1, 1, -1], [-1, 1, 1], [1, -1, -1]]).T)
     corners = corners.T + middle_b[:3, 3]
     assert np.array_equal(loaded.pose, np.eye(4))
-    for body in (loaded, loaded.place(PLACE), object_of(object_record(loaded.place(PLACE)))):
+    for body in (loaded, loaded.placed(PLACE), object_of(object_record(loaded.placed(PLACE)))):
         same = pg.Box(size=SIZE, mass=MASS, pose=body.pose @ middle_b)
         there = corners @ body.pose[:3, :3].T + body.pose[:3, 3]
         digits = 2e-6 if way is far_off else 2e-7  # binary files hold 7 digits
@@ -149,7 +149,7 @@ def test_bodies_turn_about_their_centre_of_mass():
     made = block(TURNED)
     body = pg.Mesh(vertices=made.vertices, faces=made.faces, mass=MASS, pose=PLACE)
     turn, shift = rotation_rpy(0.2, 0.1, -0.4), np.array([0.01, 0.02, 0.03])
-    moved = body.move(shift, turn)
+    moved = body.moved(shift, turn)
     assert np.allclose(moved.com_o, body.com_o + shift, atol=1e-12)
     assert np.allclose(moved.pose[:3, :3], turn @ body.pose[:3, :3], atol=1e-12)
     assert np.abs(moved.project(made.vertices @ moved.pose[:3, :3].T + moved.pose[:3, 3])[2]).max() < 1e-12
@@ -161,16 +161,16 @@ ROW = pose_of([0.1, 0.2, 0.3], rotation_rpy(0.1, 0.2, 0.3)).T  # translation in 
 @pytest.mark.parametrize(
     "place",
     [
-        lambda folder: pg.Box(size=SIZE, mass=MASS).place(ROW),
+        lambda folder: pg.Box(size=SIZE, mass=MASS).placed(ROW),
         lambda folder: pg.Sphere(radius=0.03, mass=MASS, pose=ROW),
         lambda folder: pg.Cylinder(radius=0.03, height=0.1, mass=MASS, shape_b=ROW),
         lambda folder: dataclasses.replace(on_the_floor(folder)[0], pose=ROW),
         lambda folder: load_object(folder / "thing.urdf", mass=MASS, pose=ROW),
-        lambda folder: load_object(folder / "thing.urdf", mass=MASS).place(ROW.tolist()),
+        lambda folder: load_object(folder / "thing.urdf", mass=MASS).placed(ROW.tolist()),
         lambda folder: pg.Mesh.load(folder / "block.stl", mass=MASS, pose=ROW),
         lambda folder: object_of({**object_record(pg.Box(size=SIZE, mass=MASS)), "pose": ROW.tolist()}),
-        lambda folder: pg.Box(size=SIZE, mass=MASS).place(np.diag([1.0, 1.0, 1.0, 2.0])),
-        lambda folder: pg.load_hand("panda").place(ROW),
+        lambda folder: pg.Box(size=SIZE, mass=MASS).placed(np.diag([1.0, 1.0, 1.0, 2.0])),
+        lambda folder: pg.load_hand("panda").placed(ROW),
     ],
 )
 def test_poses_with_their_translation_in_the_last_row_are_refused(place, tmp_path):

@@ -58,7 +58,7 @@ def test_one_primitive_stays_exact(tmp_path, kind, sizes, expected):
     made = load_object(urdf(tmp_path, shape(kind, sizes)), density=500, pose=pose)
     assert type(made) is type(expected) and made.mass == pytest.approx(expected.mass)
     assert np.array_equal(made.pose, pose) and np.allclose(made.shape_pose, pose @ origin, atol=1e-12)
-    same = expected.place(pose @ origin)
+    same = expected.placed(pose @ origin)
     points = same.com_o + np.random.default_rng(0).normal(size=(20, 3)) * 0.1
     for ours, theirs in zip(made.project(points), same.project(points)):
         assert np.allclose(ours, theirs, atol=1e-12)

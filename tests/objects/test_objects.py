@@ -200,7 +200,7 @@ def test_signed_distance_grows_at_unit_rate_against_the_normal(shape):
 @every_shape
 def test_everything_moves_with_the_body(shape):
     points = points_around(shape, 50)
-    moved = shape.place(MOVE @ shape.pose)
+    moved = shape.placed(MOVE @ shape.pose)
     rotation = MOVE[:3, :3]
 
     def move(p):
@@ -384,7 +384,7 @@ def test_flat_triangles_do_not_upset_the_side(made, edge, side):
     offsets = points[:, None] - made.triangles[:, 0]
     behind_all = (offsets * made.face_normals).sum(axis=2).max(axis=1) < 0  # both are convex
     assert np.array_equal(distances < 0, behind_all) and behind_all.sum() > 10
-    assert np.abs(distances - exact.place(np.eye(4)).project(points)[2]).max() < 1e-12
+    assert np.abs(distances - exact.placed(np.eye(4)).project(points)[2]).max() < 1e-12
 
 
 def test_normals_on_edges_are_the_mean_of_the_faces():
@@ -584,7 +584,7 @@ def test_meshes_stay_in_their_files_frame():
     assert np.array_equal(shape.vertices, made.vertices) and np.allclose(shape.com_b, made.center_mass, atol=1e-12)
     unit = trimesh.Trimesh(made.vertices - made.center_mass, made.faces)
     assert np.allclose(shape.inertia_b, unit.moment_inertia / unit.volume * 0.3, rtol=1e-9)
-    for there in (shape, shape.place(np.eye(4)), dataclasses.replace(shape, pose=MOVE)):
+    for there in (shape, shape.placed(np.eye(4)), dataclasses.replace(shape, pose=MOVE)):
         assert np.allclose(there.com_o, there.pose[:3, :3] @ made.center_mass + there.pose[:3, 3], atol=1e-12)
         in_world = made.vertices @ there.pose[:3, :3].T + there.pose[:3, 3]
         assert np.abs(there.project(in_world)[2]).max() < 1e-12
@@ -654,7 +654,7 @@ def test_meshes_that_are_inside_out_are_turned():
 
 
 def test_cavities_are_not_part_of_the_solid():
-    shape = GENERAL["hollow box"].place(np.eye(4))
+    shape = GENERAL["hollow box"].placed(np.eye(4))
     _, normals, distances = shape.project([[0.01, 0, 0.005 + 0.015], [0.027, 0, 0]])
     assert distances == pytest.approx([0.005, -0.003])
     assert np.allclose(normals[0], [0, 0, 1])  # from the cavity into the wall
@@ -756,7 +756,7 @@ def test_convex_parts_are_about_the_solid(made, monkeypatch):
     """Every point of the solid lies in a part, none of a part is farther out than they say, and all come again."""
     shape = mesh_of(made, pose=np.eye(4))
     parts, excess = shape.convex_parts
-    assert len(parts) > 1 and shape.place(POSE).convex_parts is shape.convex_parts
+    assert len(parts) > 1 and shape.placed(POSE).convex_parts is shape.convex_parts
     placed = [part @ shape.shape_pose[:3, :3].T + shape.shape_pose[:3, 3] for part in parts]
     hulls = [trimesh.convex.convex_hull(part) for part in placed]
     assert sum(hull.volume for hull in hulls) == pytest.approx(shape.volume, rel=0.05)
@@ -838,7 +838,7 @@ def test_thousands_of_triangles_and_one():
         lambda: Sphere(radius=1e-150, density=1),
         lambda: Sphere(radius=1e150, density=1),
         lambda: Box(size=[1, 1, 1], mass=1, pose=np.full((4, 4), np.nan)),
-        lambda: Box(size=[1, 1, 1], mass=1).place(np.eye(3)),
+        lambda: Box(size=[1, 1, 1], mass=1).placed(np.eye(3)),
         lambda: Box(size=[1, 1, 1], mass=1).project([1, 2, 3]),
         lambda: Box(size=[1, 1, 1], mass=1).curvature([[1, 2, np.inf]]),
     ],

@@ -34,5 +34,5 @@ def test_millimetres_read_as_metres_are_told_with_the_factor(name):
 
 def test_a_note_goes_with_its_size():
     huge = pg.Sphere(radius=30, mass=0.2)
-    assert huge.place(np.eye(4)).notes == huge.notes == replace(huge, density=None).notes
+    assert huge.placed(np.eye(4)).notes == huge.notes == replace(huge, density=None).notes
     assert replace(huge, radius=0.03, density=None).notes == ()

@@ -49,7 +49,7 @@ def test_plans_on_closed_grippers(tmp_path):
     with pytest.raises(InvalidInput, match="body: expected a Body or Closure"):
         plan_grasp_on(hand, "box", GraspConditions(mu=0.5))
     with pytest.raises(InvalidInput, match="expected the closure's own"):
-        plan_grasp_on(hand.place(above_the_palm(0.1)), plan.closure, GraspConditions(mu=0.5))
+        plan_grasp_on(hand.placed(above_the_palm(0.1)), plan.closure, GraspConditions(mu=0.5))
 
 
 def test_plans_say_what_was_changed_in_the_object(tmp_path):

@@ -10,7 +10,7 @@ import pinograsp as pg
 def test_efforts_of_sliding_jaws_are_in_newtons():
     hand = pg.load_hand("panda")
     at = hand.frame_placements(hand.resting, [hand.palm])[0] @ pg.spatial.pose_of([0, 0, 0.1034])
-    box = pg.Box(size=(0.03, 0.04, 0.06), mass=0.25).place(at)
+    box = pg.Box(size=(0.03, 0.04, 0.06), mass=0.25).placed(at)
     plan = pg.plan_grasp_on(hand, box, pg.GraspConditions(mu=0.5), progress=False)
     assert plan.describe() == str(plan)
     largest = np.abs(plan.motion.torques).max()

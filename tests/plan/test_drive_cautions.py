@@ -30,7 +30,7 @@ def gripper(tmp_path, effort=60.0, velocity=0.1, drives=None):
 
 def block(hand, mass=0.1, height=0.035):
     at = hand.frame_placements(hand.resting, [hand.palm])[0] @ pose_of([0.0, 0.0, height], np.eye(3))
-    return pg.Box(size=(0.03, 0.03, 0.05), mass=mass).place(at)
+    return pg.Box(size=(0.03, 0.03, 0.05), mass=mass).placed(at)
 
 
 def squeezed(hand, force, height=0.035):
@@ -248,7 +248,7 @@ def test_motors_that_act_one_way_hold_that_way_only(way, force, fits):
     assert hand.drives[0].efforts == (None if least == -most else (least, most))
     assert hand_of(hand_record(hand)).drives == hand.drives
     at = hand.frame_placements(hand.resting, [hand.palm])[0] @ pose_of([0.0, 0.0, 0.06], np.eye(3))
-    body = pg.Box(size=(0.02, 0.03, 0.03), mass=0.1).place(at)
+    body = pg.Box(size=(0.02, 0.03, 0.03), mass=0.1).placed(at)
     conditions = pg.GraspConditions(mu=0.6, reserve=None, friction=pg.Friction(model="soft", torsion=0.01))
     closed = pg.close_hand(hand, body)
     (code,) = pg.certify(closed.hand, body, closed.q[None], conditions).reason

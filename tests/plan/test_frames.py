@@ -13,7 +13,7 @@ from pinograsp.errors import Status
 from pinograsp.spatial import pose_of, rotation_rpy
 
 SIZE, MASS = [0.05, 0.03, 0.09], 0.15
-HAND = pg.load_hand("panda").place(pose_of([0.3, 0.2, 0.1034 + 0.02], rotation_rpy(np.pi, 0, 0)))
+HAND = pg.load_hand("panda").placed(pose_of([0.3, 0.2, 0.1034 + 0.02], rotation_rpy(np.pi, 0, 0)))
 MIDDLE = pose_of([0.3, 0.2, 0.0])
 CONDITIONS = pg.GraspConditions(mu=0.6)
 # Of the block's middle in its file: on its corner, and turned, with the origin a metre off.
@@ -76,7 +76,7 @@ def test_the_hand_is_where_the_file_has_it(plan, primitive):
 def test_a_plan_is_certified_where_it_says_that_the_hand_is(plan):
     """The root in the object's frame, and the object as its file has it; gravity is in that frame, too."""
     down = plan.body.pose[:3, :3].T @ [0, 0, -9.81]
-    here = plan.body.place(np.eye(4))
+    here = plan.body.placed(np.eye(4))
     conditions = pg.GraspConditions(mu=0.6, gravity_o=down)
     found = pg.certify(pg.load_hand("panda"), here, [plan.closure.q], conditions, roots=[plan.hand_in_object])
     assert found.held.all() and found.hint == ""
@@ -148,7 +148,7 @@ def grasps(plan, count=8):
 )
 def test_misplaced_grasps_come_with_a_hint(primitive, mistake, figure):
     q, roots = mistake(*grasps(primitive))
-    found = pg.certify(pg.load_hand("panda"), primitive.body.place(np.eye(4)), q, CONDITIONS, roots=roots)
+    found = pg.certify(pg.load_hand("panda"), primitive.body.placed(np.eye(4)), q, CONDITIONS, roots=roots)
     assert not found.held.any()
     assert re.search(figure, found.hint) and found.hint in found.describe()
 
@@ -158,7 +158,9 @@ def test_how_far_off_the_nearest_link_is_is_told(primitive):
     q, roots = grasps(primitive, 1)
     up = np.tile(roots, (2, 1, 1))
     up[:, 2, 3] += [0.06, 0.08]
-    found = pg.certify(pg.load_hand("panda"), primitive.body.place(np.eye(4)), np.tile(q, (2, 1)), CONDITIONS, roots=up)
+    found = pg.certify(
+        pg.load_hand("panda"), primitive.body.placed(np.eye(4)), np.tile(q, (2, 1)), CONDITIONS, roots=up
+    )
     assert (found.reason == Status.NO_CONTACT.code).all()
     assert found.depth[0] - found.depth[1] == pytest.approx(0.02, abs=1e-4) and found.depth[0] < 0
     assert "mm off" in found.words(0)
@@ -166,7 +168,7 @@ def test_how_far_off_the_nearest_link_is_is_told(primitive):
 
 def test_grasps_that_are_where_they_should_be_have_no_hint(primitive):
     q, roots = grasps(primitive)
-    found = pg.certify(pg.load_hand("panda"), primitive.body.place(np.eye(4)), q, CONDITIONS, roots=roots)
+    found = pg.certify(pg.load_hand("panda"), primitive.body.placed(np.eye(4)), q, CONDITIONS, roots=roots)
     assert found.held.all() and found.hint == "" and str(len(q)) in str(found)
 
 

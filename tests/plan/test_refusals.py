@@ -39,7 +39,7 @@ def held(tmp_path):
     def make(effort=60.0, mass=0.3, **conditions):
         bar = pg.Box(size=(0.03, 0.04, 0.05), mass=mass)
         at = pg.spatial.pose_of([0.0, 0.0, 0.05], None)
-        return jaws(tmp_path, effort), bar.place(at), GraspConditions(**{"mu": 0.5, **conditions})
+        return jaws(tmp_path, effort), bar.placed(at), GraspConditions(**{"mu": 0.5, **conditions})
 
     return make
 

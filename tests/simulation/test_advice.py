@@ -28,7 +28,7 @@ def bar_in_jaws(tmp_path_factory):
         ]
     path = tmp_path_factory.mktemp("jaws") / "jaws.urdf"
     path.write_text(robot("jaws", *parts))
-    bar = pg.Box(size=(0.03, 0.04, 0.05), mass=0.3).place(pg.spatial.pose_of([0.0, 0.0, 0.05], None))
+    bar = pg.Box(size=(0.03, 0.04, 0.05), mass=0.3).placed(pg.spatial.pose_of([0.0, 0.0, 0.05], None))
     return pg.load_hand(path), bar
 
 

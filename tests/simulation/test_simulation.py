@@ -67,7 +67,7 @@ def test_parts_are_in_the_order_of_the_plans_contacts(brisk):
 def closed_plan(hand, body, pose, safety=1.5, **settings):
     """A hand closed on a body at a pose in the hand's frame, planned."""
     conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=safety))
-    return pg.plan_grasp_on(hand, body.place(pose), conditions, **settings)
+    return pg.plan_grasp_on(hand, body.placed(pose), conditions, **settings)
 
 
 def at(*position):

@@ -102,11 +102,11 @@ def test_every_hand_of_the_catalogue_comes_back(name):
     check_same(hand, again(hand))
     i = hand.n // 2
     low, high = hand.lower[i], hand.upper[i]
-    changed = hand.with_limits({hand.joint_names[i]: (low + 0.1 * (high - low), high)}).place(POSE)
+    changed = hand.with_limits({hand.joint_names[i]: (low + 0.1 * (high - low), high)}).placed(POSE)
     back = again(changed)
     check_same(changed, back)
     assert "set to" in back.notes[-1]
-    check_same(changed.place(np.eye(4)), back.place(np.eye(4)))
+    check_same(changed.placed(np.eye(4)), back.placed(np.eye(4)))
 
 
 @pytest.mark.parametrize("name", own_hands.HANDS)

@@ -315,7 +315,7 @@ def test_a_hand_and_an_object(tmp_path):
         "over": {"object.mass": [0.1, 0.2, -1], "mu": [0.7]},
     }
     rows = sweep(spec, tmp_path / "out", jobs=1, progress=False).table().to_pylist()
-    thing = pg.Cylinder(radius=0.02, height=0.12, mass=0.2).place(pg.spatial.pose_of([0.08, 0, 0.07]))
+    thing = pg.Cylinder(radius=0.02, height=0.12, mass=0.2).placed(pg.spatial.pose_of([0.08, 0, 0.07]))
     closure = pg.close_hand(pg.load_hand("allegro_right"), thing)
     conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.1), reserve=None)
     told = pg.plan_grasp_on(closure.hand, closure, conditions).summary()

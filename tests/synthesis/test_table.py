@@ -56,7 +56,7 @@ def test_depths_below_a_plane_are_those_of_the_lowest_points(name):
 def test_planes_are_under_the_lowest_points(body, below):
     turn = np.eye(4)
     turn[:3, :3], turn[:3, 3] = pin.exp3(np.array([0.4, -0.7, 1.1])), [0.1, -0.2, 0.3]
-    plane = SupportPlane.under(body.place(turn), turn[:3, :3] @ [0, 0, -9.81])
+    plane = SupportPlane.under(body.placed(turn), turn[:3, :3] @ [0, 0, -9.81])
     assert plane.up_o == pytest.approx(turn[:3, 2])
     assert plane.height == pytest.approx(turn[:3, 3] @ turn[:3, 2] - below, abs=1e-6)
 
