@@ -114,6 +114,12 @@ class Distances:
         least = -np.inf if part.hull is part.geometry else self.rough(part) - _OFF
         return self.at(part, self.pose, part.geometry, least)
 
+    @property
+    def normal(self) -> Array:
+        """Unit direction (3,) in which the part last looked at presses the object, along their least distance."""
+        normal: Array = np.array(self.result.normal)
+        return normal
+
     def rough(self, part: HandPart) -> float:
         """Distance of the part's convex hull [m]: quick, and not more than the part's own."""
         return self.at(part, self.pose, part.hull)[0]

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, flag, frozen, instance_of, items_of, mapping_of, number, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
-from pinograsp.contacts.pushing import PushedObject
+from pinograsp.contacts.pushing import is_jammed, make_way
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
@@ -37,7 +37,7 @@ Posture: TypeAlias = Mapping[str, ArrayLike] | ArrayLike  # {finger: angles (n_f
 TOUCH = 1e-7  # [m] a gap that counts as touching; distances of smooth shapes are exact to 1e-9
 _CREEP = 2e-5  # [m] least advance, so that what slides along the object does so in few steps
 _OPEN = 1e-9  # [m] an overlap beyond rounding: the hand cannot start there
-_PUSH = 0.01  # first share of the path that jaws push the object at once; quartered where it cannot yield
+_PUSH = 0.005  # first share of the path that jaws push the object at once; quartered where it cannot yield
 _ROOM = 0.02  # of the jaws' own way: room that a pushed object is given, so that curved paths need few corrections
 _LEVERAGE = 10.0  # a pushed object moves at most this much farther than the jaws: else it slips out of them
 _CAGED = 2e-6  # [m] gap of a jaw that cages the object with others
@@ -277,9 +277,9 @@ class _Closing:
         speeds = np.array([float(np.abs(self.rate[shared]) @ part.reach[shared]) for part in parts])
         gaps = np.full(len(parts), -np.inf)  # lower bounds at q and body: the distances of far parts are not computed
         self.distances.put(q, body)
-        pushed, room, pushed_object = True, 0.0, PushedObject(self.distances)
+        pushed, room = True, 0.0
         for _ in range(_PUSHES):
-            if pushed and pushed_object.is_jammed(parts, gaps, friction, max(_CAGED, 2 * room)):
+            if pushed and is_jammed(self.distances, parts, gaps, friction, max(_CAGED, 2 * room)):
                 if 2 * room <= _CAGED:
                     break
                 most = step = min(step, most) / 4  # nearer, before it is called touching
@@ -292,7 +292,7 @@ class _Closing:
             trial, reach = q + np.sign(self.rate) * np.minimum(step * np.abs(self.rate), left), step * speeds.max()
             given = max(0.1 * _CAGED, _ROOM * reach)
             most_moved = _LEVERAGE * reach + given
-            yielded = pushed_object.make_way(parts, trial, body, gaps - step * speeds, most_moved, given)
+            yielded = make_way(self.distances, parts, trial, body, gaps - step * speeds, most_moved, given)
             pushed = yielded is not None
             if yielded is None:
                 step /= 4

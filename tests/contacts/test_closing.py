@@ -17,7 +17,7 @@ from pinograsp.contacts.penetration import Penetration
 from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import load_hand
 from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
-from pinograsp.objects import Box, Cylinder, Sphere
+from pinograsp.objects import Box, Cylinder, Mesh, Sphere
 
 INERTIAL = (
     '<inertial><mass value="0.05"/><inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -290,6 +290,22 @@ def test_jaws_on_one_actuator_push_the_object_between_them(tmp_path, off):
     apart = close_hand(jaws(tmp_path, mimic=False), ball)
     assert len(apart.touches) == 2 and np.array_equal(apart.pushed, np.eye(4))
     assert sorted(apart.q) == pytest.approx(sorted([0.02 - off, 0.02 + off]), abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", [Box, Mesh])
+@pytest.mark.parametrize("off", [0.007, -0.012])
+def test_an_edge_is_pushed_along_the_normal_of_the_jaw_that_pushes_it(tmp_path, kind, off):
+    """On edge between the jaws, with a friction that jams it there, a box goes straight on and does not turn."""
+    on_edge = at(0.001, off, 0.04)
+    on_edge[:3, :3] = pin.exp3(np.array([0, 0, np.pi / 4]))
+    solid = trimesh.creation.box((0.03, 0.03, 0.06))
+    shape = {Box: {"size": (0.03, 0.03, 0.06)}, Mesh: {"vertices": solid.vertices, "faces": solid.faces}}[kind]
+    closure = close_hand(jaws(tmp_path), kind(**shape, mass=0.1, pose=on_edge), friction=1.0)
+    assert len(closure.touches) == 2
+    assert closure.pushed[:3, 3] == pytest.approx([0, -off, 0], abs=1e-5)
+    assert pin.log3(closure.pushed[:3, :3]) == pytest.approx(np.zeros(3), abs=1e-5)
+    # Half of the diagonal on either side of the middle.
+    assert closure.q[0] == pytest.approx(0.04 - 0.015 * np.sqrt(2), abs=4e-6)
 
 
 def test_a_turned_box_is_turned_flat_and_touches_with_its_faces(tmp_path):
