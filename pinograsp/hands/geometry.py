@@ -23,6 +23,7 @@ from pinograsp.hands.mesh_file import (
     join_vertices,
     read_triangles,
     tells_unit,
+    triangles_of,
 )
 from pinograsp.spatial import FARTHEST, Array, IntArray
 
@@ -232,8 +233,8 @@ def solid(shape: coal.CollisionGeometry, density: float) -> pin.Inertia | None:
 
 def _close(mesh: coal.BVHModelBase) -> bool:
     """Whether every edge of a mesh borders two triangles, once in each direction."""
-    triangles = np.array([[t[0], t[1], t[2]] for t in map(mesh.tri_indices, range(mesh.num_tris))])
-    _, same = np.unique(mesh.vertices(), axis=0, return_inverse=True)  # files repeat a vertex for every triangle
+    vertices, triangles = triangles_of(mesh)
+    _, same = np.unique(vertices, axis=0, return_inverse=True)  # files repeat a vertex for every triangle
     triangles = same.ravel()[triangles]
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     edges = edges[edges[:, 0] != edges[:, 1]]

@@ -155,6 +155,13 @@ def collision_model(vertices: Array, faces: IntArray) -> coal.BVHModelOBBRSS:
     return model
 
 
+def triangles_of(model: coal.BVHModelOBBRSS) -> tuple[Array, IntArray]:
+    """Vertices (n, 3) and faces (m, 3) of a model of :func:`collision_model`."""
+    corners = (model.tri_indices(i) for i in range(model.num_tris))
+    faces = np.array([(one[0], one[1], one[2]) for one in corners], dtype=np.int64).reshape(-1, 3)
+    return np.array(model.vertices()), faces
+
+
 # -- what small files can blow up to -----------------------------------------------------------------------------------
 
 

@@ -21,7 +21,7 @@ from pinograsp.hands.descriptions import RobotDescription
 from pinograsp.hands.drives import Control, Drive, Spring, checked_drives, checked_springs, drive_record, one_each
 from pinograsp.hands.elements import find_named, parse
 from pinograsp.hands.geometry import PRIMITIVES, SIZES, hull_of, read_mesh
-from pinograsp.hands.mesh_file import collision_model
+from pinograsp.hands.mesh_file import collision_model, triangles_of
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.shapes import MeshNames
 from pinograsp.hands.sources import Figure, Source
@@ -339,8 +339,7 @@ def _shape(one: pin.GeometryObject, own: coal.CollisionGeometry) -> dict[str, An
         if one.meshPath:
             path = os.path.abspath(one.meshPath)
         else:
-            faces = np.array([[t[0], t[1], t[2]] for t in map(own.tri_indices, range(own.num_tris))])
-            inline = {"triangles": write_triangles(np.array(own.vertices()), faces)}
+            inline = {"triangles": write_triangles(*triangles_of(own))}
     else:
         return None
     return {

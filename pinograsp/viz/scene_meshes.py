@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pinograsp.errors import InvalidInput
+from pinograsp.hands.mesh_file import triangles_of
 from pinograsp.hands.visuals import simplify
 from pinograsp.spatial import Array, IntArray
 from pinograsp.viz.raster import Surface
@@ -64,7 +65,7 @@ def triangulate(shape: Any, most: int = 1_000_000) -> Triangles:
         r, h = shape.radius, shape.halfLength
         return split_creases(*_lathe([0.0, r, r, 0.0], [-h, -h, h, h]))
     if kind.startswith("BVHModel"):
-        welded = _weld(np.array(shape.vertices()), _rows(shape.tri_indices, shape.num_tris))
+        welded = _weld(*triangles_of(shape))
         return split_creases(*simplify(*welded, most))
     if kind.startswith("Convex"):
         vertices, faces = np.array(shape.points()), _rows(shape.polygons, shape.num_polygons)

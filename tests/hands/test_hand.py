@@ -6,6 +6,7 @@ import dataclasses
 import io
 import math
 import os
+import pickle
 import re
 from importlib.metadata import files
 from pathlib import Path
@@ -26,6 +27,7 @@ from pinograsp.hands.catalogue import shipped_folder as urdf_folder
 from pinograsp.hands.geometry import hull_points
 from pinograsp.hands.humanoid import case_study_pose, humanoid_hand
 from pinograsp.hands.load import ON_ROOT
+from pinograsp.hands.mesh_file import triangles_of
 from pinograsp.hands.xacro_files import expand_xacro
 
 # Tables II and III once more, typed from the paper, in mm.
@@ -1193,3 +1195,22 @@ def test_motors_of_an_arm_alone_leave_the_fingers_one_each(tmp_path):
     drives = {drive.joints[0]: drive for drive in hand.drives}
     assert drives["left_one_joint"].limit == 3.0 and drives["left_shoulder_joint"].name == "m_left_shoulder_joint"
     assert hand.passive_joints == ("right_one_joint", "right_two_joint")
+
+
+def test_meshes_travel_without_their_trees():
+    """To other processes go vertices and faces: what coal writes down of a mesh is a hundred times as much."""
+    hand = load_hand("g1_left")
+    written = pickle.dumps(hand)
+    assert len(written) < 10e6
+    back = pickle.loads(written)
+    meshes = [one for one in hand.own_shapes if isinstance(one, coal.BVHModelOBBRSS)]
+    again = [one for one in back.own_shapes if isinstance(one, coal.BVHModelOBBRSS)]
+    assert len(back.own_shapes) == len(hand.own_shapes) and len(again) == len(meshes) > 0
+    for one, other in zip(meshes, again):
+        assert all(np.array_equal(*pair) for pair in zip(triangles_of(one), triangles_of(other)))
+        point = coal.Transform3s(np.eye(3), np.array([0.03, 0.02, 0.05]))
+        ball, at = coal.Sphere(1e-3), coal.Transform3s()
+        gaps = [
+            coal.distance(mesh, at, ball, point, coal.DistanceRequest(), coal.DistanceResult()) for mesh in (one, other)
+        ]
+        assert gaps[0] == pytest.approx(gaps[1], abs=1e-12)
