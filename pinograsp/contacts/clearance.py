@@ -28,6 +28,7 @@ _OFF = 1e-4  # [m] largest error of coal's depth of an overlap
 _CLEAR = 1e-4  # [m] where the hull is farther off than this, the part's own distance is not needed
 _TILT = 1e-3  # [rad] tilt that separates the corners of a flat contact
 _MOST_SHAPES = 500
+_NO_PLANE = 1e9  # [m] per unit of the way: what no part moves by
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3))).T  # of a box (3, 8)
 HOLLOW = 1e-3  # [m] between a link and its convex hull: worth a caution
 _POINT = coal.Sphere(1e-7)
@@ -50,24 +51,48 @@ class HandPart:
         self.radius = float(one.geometry.aabb_radius)
         self.half: Array = 0.5 * (one.geometry.aabb_local.max_ - one.geometry.aabb_local.min_)
         # A mesh's convex hull; where there is none, the geometry itself.
-        self.hull = hull_of(one.geometry) or one.geometry
+        self.hull = hull_of(self.geometry) or self.geometry
 
-    @cached_property
+    @property
     def reach(self) -> Array:
         """Bound of the speed of any of its points per unit rate of each actuated joint (n,)."""
+        return self._rates[0]
+
+    @property
+    def turning(self) -> Array:
+        """Bound of its angular speed per unit rate of each actuated joint (n,); 0 for those that slide."""
+        return self._rates[1]
+
+    @property
+    def sliding(self) -> Array:
+        """What of ``reach`` is of joints that slide (n,)."""
+        return self._rates[2]
+
+    @cached_property
+    def _rates(self) -> tuple[Array, Array, Array]:
         hand, model = self.hand, self.hand.model
-        reach, speeds = float(np.linalg.norm(self.centre)) + self.radius, np.zeros(hand.n)
+        reach = float(np.linalg.norm(self.centre)) + self.radius
+        speeds, turning, sliding = np.zeros((3, hand.n))
         lower, upper = hand.lower, hand.upper
         j = self.joint
         while j:
             i, ratio = model.joints[j].idx_v, abs(hand.ratio(j))
-            slides = hand.is_prismatic(j)
-            speeds[i] += ratio * (1.0 if slides else reach)
-            if slides:
+            if hand.is_prismatic(j):
+                speeds[i] += ratio
+                sliding[i] += ratio
                 reach += ratio * max(abs(lower[i]), abs(upper[i]))
+            else:
+                speeds[i] += ratio * reach
+                turning[i] += ratio
             reach += float(np.linalg.norm(model.jointPlacements[j].translation))
             j = model.parents[j]
-        return speeds
+        return speeds, turning, sliding
+
+    @cached_property
+    def corners(self) -> Array:
+        """Of the box around it (8, 3), in the joint's frame [m]."""
+        corners: Array = self.centre + (self.placement.rotation @ (self.half[:, None] * _CORNERS)).T
+        return corners
 
 
 def parts_of(hand: HandModel) -> list[HandPart]:
@@ -78,6 +103,23 @@ def parts_of(hand: HandModel) -> list[HandPart]:
         for joint, link in zip(finger.joint_ids, finger.links)
     }
     return [HandPart(hand, one, names) for one in hand.geometry.geometryObjects]
+
+
+class Gap(NamedTuple):
+    """What is known of a part's distance from the object.
+
+    Attributes:
+        distance: signed [m], or less than that.
+        point: the part's nearest point (3,) in the world; None where ``distance`` is only less.
+        normal: unit direction (3,) from the part to the object, along their least distance.
+        parted: whether a plane across the normal has the part on one side and the object on the other, ``distance``
+            apart.
+    """
+
+    distance: float
+    point: Array | None
+    normal: Array
+    parted: bool
 
 
 class Distances:
@@ -92,17 +134,21 @@ class Distances:
             )
         self.model, self.data = hand.model, hand.model.createData()
         self.body, self.shape = body, body.collision_geometry
+        self.hull = hull_of(self.shape) or self.shape
         self.request, self.plain, self.result = coal.DistanceRequest(), coal.DistanceRequest(), coal.DistanceResult()
         self.request.enable_signed_distance = self.plain.enable_signed_distance = True
         self.request.gjk_tolerance = 1e-12
         self.request.gjk_max_iterations = 1000
         self.request.epa_tolerance = 1e-9
-        self.put(np.clip(hand.resting, hand.lower, hand.upper))
+        self.put(np.clip(hand.resting, hand.lower, hand.upper), body)
 
-    def put(self, q: Array, body: Body | None = None) -> None:
-        """Move the hand to the posture q (n,), and the object to where ``body``, the same solid, is."""
-        pin.forwardKinematics(self.model, self.data, q)
-        self.put_object(self.body if body is None else body)
+    def put(self, q: Array, body: Body | None = None, *, rate: Array | None = None) -> None:
+        """Move the hand to the posture q (n,), at joint rates (n,) where velocities are asked for; with ``body``, the
+        object to where that, the same solid, is.
+        """
+        pin.forwardKinematics(self.model, self.data, q, *(() if rate is None else (rate,)))
+        if body is not None:
+            self.put_object(body)
 
     def put_object(self, body: Body) -> None:
         """Move the object to where ``body``, the same solid, is."""
@@ -114,24 +160,31 @@ class Distances:
         least = -np.inf if part.hull is part.geometry else self.rough(part) - _OFF
         return self.at(part, self.pose, part.geometry, least)
 
-    @property
-    def normal(self) -> Array:
-        """Unit direction (3,) in which the part last looked at presses the object, along their least distance."""
-        normal: Array = np.array(self.result.normal)
-        return normal
-
     def rough(self, part: HandPart) -> float:
         """Distance of the part's convex hull [m]: quick, and not more than the part's own."""
         return self.at(part, self.pose, part.hull)[0]
 
-    def bound(self, part: HandPart) -> tuple[float, Array | None]:
-        """As :meth:`of`; where the hull is clear of the object, the hull's distance and no point."""
-        if part.hull is part.geometry:
-            return self.at(part, self.pose, part.geometry)
-        gap = self.rough(part)
-        if gap > _CLEAR:
-            return gap, None
-        return self.at(part, self.pose, part.geometry, gap - _OFF)
+    def bound(self, part: HandPart) -> Gap:
+        """As :meth:`of`; where the convex hulls are clear of each other, their distance and no point."""
+        if part.hull is not part.geometry or self.hull is not self.shape:
+            gap = self._between(part, part.hull, self.hull)
+            if gap > _CLEAR:
+                return Gap(gap, None, np.array(self.result.normal), True)
+        least = -np.inf
+        if part.hull is not part.geometry:
+            gap = self.rough(part)
+            if gap > _CLEAR:
+                return Gap(gap, None, np.array(self.result.normal), self.hull is self.shape)
+            least = gap - _OFF
+        gap, point = self.at(part, self.pose, part.geometry, least)
+        convex = part.hull is part.geometry and self.hull is self.shape
+        return Gap(gap, point, np.array(self.result.normal), convex and gap > 0.0)
+
+    def _between(self, part: HandPart, geometry: coal.CollisionGeometry, shape: coal.CollisionGeometry) -> float:
+        self.result.clear()
+        distance: float = coal.distance(geometry, self.locate(part), shape, self.pose, self.request, self.result)
+        # Where coal fails the shapes themselves are asked.
+        return distance if _CLEAR < distance < _FAILED else -np.inf
 
     def at(
         self, part: HandPart, object_pose: coal.Transform3s, geometry: coal.CollisionGeometry, least: float = -np.inf
@@ -220,6 +273,79 @@ class Distances:
                 corners.append(corner)
         # The point itself lies anywhere on a flat area: its corners describe it.
         return np.array(corners[1:] if len(corners) > 2 else corners)
+
+
+class Approach:
+    """When parts of a hand can touch an object first, on a way at constant joint rates from one posture to the next.
+
+    No part's distance shrinks faster than its fastest point moves. Where a plane parts it from the object, its distance
+    from that plane counts: what its points' speeds across the plane take of it, and no more than their change of speed
+    besides, which the rates bound (|a| <= turning (speed + sliding), the Coriolis term counted twice).
+
+    Attributes:
+        times: on the way (p,), before which a part comes no nearer than ``touch`` [m]; infinity for what does not move.
+        stops: where to look at it next (p,): then, or when it has moved by ``creep`` [m].
+        speed: bound of each part's (p,) [m per unit of the way].
+    """
+
+    def __init__(self, parts: Sequence[HandPart], touch: float, creep: float):
+        self.joints, self.touch, self.creep = [part.joint for part in parts], touch, creep
+        self._reach, self._turning, self._sliding = (
+            np.array([getattr(part, name) for part in parts]) for name in ("reach", "turning", "sliding")
+        )
+        self._corners = np.array([part.corners for part in parts])  # (p, 8, 3)
+        # Where a part was looked at: its distance, by which its plane's shrinks at first, and how that can change.
+        count = len(parts)
+        self._gaps, self._since, self._rate = np.full(count, -np.inf), np.zeros(count), np.full(count, _NO_PLANE)
+        self.times, self.stops, self.speed, self._bend = np.zeros((4, count))
+
+    def depart(self, at: float, rate: Array) -> None:
+        """Go on at ``at`` with joint rates (n,); planes are found again where parts are looked at."""
+        self._gaps, self._since[:], self._rate[:] = self.room(at), at, _NO_PLANE
+        rates = np.abs(rate)
+        self.speed = self._reach @ rates
+        self._bend = (self._turning @ rates) * (self.speed + self._sliding @ rates)
+        self.times, self.stops = (
+            at + np.divide(room, self.speed, out=np.full(len(room), np.inf), where=self.speed > 0)
+            for room in (np.maximum(self._gaps - self.touch, least) for least in (0.0, self.creep))
+        )
+
+    def room(self, at: float) -> Array:
+        """Least distances (p,) [m] at ``at``."""
+        way = at - self._since
+        room: Array = self._gaps - np.minimum(self.speed * way, (self._rate + 0.5 * self._bend * way) * way)
+        return room
+
+    def due(self, at: float) -> list[int]:
+        """Parts that can touch at ``at``, or a micrometre later."""
+        soon = self.times <= at + 1e-6 / np.maximum(self.speed, 1e-9)  # where nothing moves the time is infinite
+        return [int(i) for i in np.flatnonzero(soon)]
+
+    def note(self, i: int, gap: Gap, at: float, data: pin.Data) -> None:
+        """What part i's distance is at ``at``; ``data``: with the joints' velocities there."""
+        self._gaps[i], self._since[i], self._rate[i] = gap.distance, at, _NO_PLANE
+        speed = float(self.speed[i])
+        if speed == 0.0:
+            return
+        room = gap.distance - self.touch
+        wait = max(room, 0.0) / speed
+        if gap.parted and room > 0.0:
+            # n . (v + omega x r) = n . v + (n x omega) . r, largest at a corner of its box.
+            joint = self.joints[i]
+            twist = data.v[joint].vector.tolist()
+            x, y, z = (gap.normal @ data.oMi[joint].rotation).tolist()
+            a, b, c = twist[3:]
+            across = float((self._corners[i] @ (y * c - z * b, z * a - x * c, x * b - y * a)).max())
+            rate = self._rate[i] = x * twist[0] + y * twist[1] + z * twist[2] + across
+            bend = float(self._bend[i])
+            root = math.sqrt(rate * rate + 2.0 * bend * room)
+            if rate > 0.0:
+                wait = max(wait, 2.0 * room / (rate + root))
+            elif bend > 0.0:
+                wait = max(wait, (root - rate) / bend)
+            else:
+                wait = math.inf
+        self.times[i], self.stops[i] = at + wait, at + max(wait, self.creep / speed)
 
 
 def check_geometry(hand: HandModel) -> None:

@@ -21,7 +21,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, flag, frozen, instance_of, items_of, mapping_of, number, read_only
-from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of
+from pinograsp.contacts.clearance import PALM, Approach, Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
 from pinograsp.contacts.pushing import is_jammed, make_way
 from pinograsp.contacts.self_collision import SelfCollisions
@@ -122,7 +122,7 @@ class _Closing:
     def __init__(self, hand: HandModel, body: Body, start: Array, target: Array, palm: bool, wrap: bool):
         self.hand, self.body, self.start, self.target = hand, body, start, target
         self.parts = [part for part in parts_of(hand) if palm or part.finger != PALM]
-        self.distances = Distances(hand, body)
+        self.distances, self.way = Distances(hand, body), Approach(self.parts, 0.5 * TOUCH, _CREEP)
         self.q, self.at = start.copy(), 0.0
         way = target - start
         self.tops = np.where(way > 0, hand.upper, hand.lower)
@@ -159,18 +159,19 @@ class _Closing:
     def approach(self) -> None:
         """Follow the path with the object held still."""
         self.distances.put(self.q)
-        gaps = np.empty(len(self.parts))
         for i, part in enumerate(self.parts):
-            gaps[i], point = self.distances.bound(part)
-            if gaps[i] < -(_OPEN if part.joint else 1e-6):
+            gap = self.distances.bound(part)
+            self.way.note(i, gap, 0.0, self.distances.data)
+            if gap.distance < -(_OPEN if part.joint else 1e-6):
                 raise InvalidInput(
-                    f"start: '{part.link}' of hand '{self.hand.name}' overlaps the object by {-1e3 * gaps[i]:.3g} mm: "
-                    "open the hand further, or move one of them"
+                    f"start: '{part.link}' of hand '{self.hand.name}' overlaps the object by "
+                    f"{-1e3 * gap.distance:.3g} mm: open the hand further, or move one of them"
                 )
-            near = gaps[i] <= (TOUCH if part.joint else 1e-6)
-            if near and point is not None and part.link not in self.touched:
-                self.touch(part, gaps[i], point)
+            near = gap.distance <= (TOUCH if part.joint else 1e-6)
+            if near and gap.point is not None and part.link not in self.touched:
+                self.touch(part, gap.distance, gap.point)
         first = steps = 0
+        way, before = self.way, np.zeros(0, dtype=bool)
         while self.free.any():
             steps += 1
             if steps > _MOST_STEPS:
@@ -179,48 +180,53 @@ class _Closing:
                     f"'{self.parts[first].link}' is close to the object for long, or reaches very far: move the object "
                     "a little, or check the sizes of the hand"
                 )
-            moving, touched = self.moving, self.touched
+            moving = self.moving
             if not moving.any():  # the next ones' turn
                 self.at = float(self.begins[self.free].min())
                 continue
-            rates = np.abs(self.rate[moving])
-            speeds = np.array([0.0 if part.link in touched else rates @ part.reach[moving] for part in self.parts])
-            # To the nearest event that could happen: a part's gap closed at its fastest, or a joint's end.
-            with np.errstate(divide="ignore", invalid="ignore"):
-                waits = np.where(speeds > 0, np.maximum(gaps - 0.5 * TOUCH, _CREEP) / speeds, np.inf)
-            later = self.begins[self.free & ~moving]
-            first, limit = int(np.argmin(waits)), float(min([*(self.ends[moving]), *later]) - self.at)
-            if self.advance(min(waits[first], limit), speeds, gaps) and limit <= waits[first]:
+            if not np.array_equal(moving, before):
+                way.depart(self.at, np.where(moving, self.rate, 0.0))
+                before = moving
+            # To the nearest event that could happen: a touch, or a joint's end.
+            first = int(np.argmin(way.stops))
+            ends = float(min([*self.ends[moving], *self.begins[self.free & ~moving]]))
+            touch = max(float(way.stops[first]), self.at)
+            if self.advance(min(touch, ends) - self.at) and ends <= touch:
                 self.end_joints()
 
-    def advance(self, step: float, speeds: Array, gaps: Array) -> bool:
-        """Go on by a step, or less: to where a part touches first, which is noted. Whether the whole step was made.
-
-        ``gaps`` are lower bounds of all parts' distances, ``speeds`` upper bounds of how fast these shrink; the gaps
-        are taken on, those that are looked at are put right.
-        """
-        rate, q, at = np.where(self.moving, self.rate, 0.0), self.q.copy(), self.at
-        near = np.flatnonzero((speeds > 0) & (gaps - step * speeds <= 1e-6))
+    def advance(self, step: float) -> bool:
+        """Go on by a step, or less: to where a part touches first, which is noted. Whether the whole step was made."""
+        rate, q, at, way = np.where(self.moving, self.rate, 0.0), self.q.copy(), self.at, self.way
+        near = way.due(at + step)
         clear, hit = 0.0, np.inf  # lengths of a step after which nothing overlaps, and something does
-        length = step
+        above, below = np.nan, 0.0  # the least gaps there
+        length, halve = step, False
         while True:
             self.q, self.at = q + length * rate, at + length
-            self.distances.put(self.q)
-            found = {i: self.distances.bound(self.parts[i]) for i in near.tolist()}
-            least = min((gap for gap, _ in found.values()), default=np.inf)
+            self.distances.put(self.q, rate=rate)
+            found = {i: self.distances.bound(self.parts[i]) for i in near}
+            least = min((gap.distance for gap in found.values()), default=np.inf)
             if (least > TOUCH and hit == np.inf) or abs(least) <= TOUCH or length == hit:
                 break
-            clear, hit = (length, hit) if least > 0 else (clear, length)
-            # Where a distance jumps, as coal's of meshes can, there is nothing between clear and hit.
-            length = hit if (hit - clear) * speeds.max() < 0.1 * TOUCH else (clear + hit) / 2
-        gaps -= length * speeds
-        for i, (gap, _) in found.items():
-            gaps[i] = gap
+            if least > 0:
+                clear, above = length, least
+            else:
+                hit, below = length, least
+            # Where a distance jumps, as coal's of meshes can, there is nothing between clear and hit: every other time
+            # the middle is tried.
+            if np.isnan(above):
+                above = float(way.room(at)[near].min())
+            over = above - 0.5 * TOUCH  # rather above zero than below
+            share = 0.5 if halve or not over > 0 else min(max(over / (above - below), 0.02), 0.98)
+            length = hit if (hit - clear) * way.speed.max() < 0.1 * TOUCH else clear + share * (hit - clear)
+            halve = not halve
+        for i, gap in found.items():
+            way.note(i, gap, self.at, self.distances.data)
         if least <= TOUCH:
-            for i in sorted(found, key=lambda i: gaps[i]):
-                part, (gap, point) = self.parts[i], found[i]
-                if gap <= 2 * TOUCH and point is not None and part.link not in self.touched:
-                    self.touch(part, gap, point)
+            for i in sorted(found, key=lambda i: found[i].distance):
+                part, gap = self.parts[i], found[i]
+                if gap.distance <= 2 * TOUCH and gap.point is not None and part.link not in self.touched:
+                    self.touch(part, gap.distance, gap.point)
         return length == step
 
     def end_joints(self) -> None:

@@ -60,12 +60,12 @@ def make_way(
     distances.put(q, body)
     for _ in range(_CUTS):
         for i in np.flatnonzero(gaps < 0.0).tolist():
-            gaps[i], point = distances.bound(parts[i])
+            found = distances.bound(parts[i])
+            gaps[i], point = found.distance, found.point
             if point is not None:
                 # It asks for room along the line of least distance: an object's edge leaves a jaw's face along
                 # the face's normal, which the object's own surface does not have there.
-                normal = distances.normal
-                row = np.hstack([normal, np.cross(point - body.com_o, normal) / arm])
+                row = np.hstack([found.normal, np.cross(point - body.com_o, found.normal) / arm])
                 rows, sides = np.vstack([rows, row]), np.append(sides, 0.5 * room - gaps[i] + row @ motion)
         if not (gaps < 0.0).any():
             return body, gaps

@@ -335,6 +335,37 @@ def test_rounder_pads_touch_at_a_point(tmp_path):
     assert len(closure.contacts()) == 2 and all(len(touch.patch_o) == 1 for touch in closure.touches)
 
 
+@pytest.mark.parametrize("name", ["allegro_right", "panda", "humanoid", "so101"])
+def test_nothing_is_touched_before_a_touch_is_noted(name):
+    """Along the whole path no link overlaps the object, convex or not: steps by planes and by speeds skip no touch."""
+    from pinograsp.contacts.clearance import Distances, HandPart
+
+    hand, rng, closed = load_hand(name), np.random.default_rng(), 0
+    ring = trimesh.creation.annulus(0.012, 0.02, 0.03)
+    hollow = Mesh(vertices=ring.vertices, faces=ring.faces, mass=0.05)
+    for body in (Sphere(radius=0.02, mass=0.1), Box(size=(0.03, 0.04, 0.05), mass=0.1), hollow):
+        for _ in range(40):
+            pose = pin.SE3(pin.exp3(rng.normal(size=3)), rng.uniform(-0.1, 0.15, 3)).homogeneous
+            try:
+                closure = close_hand(hand, body.placed(pose), fixed=True)
+            except (InvalidInput, GeometryFailed):
+                continue  # in the open hand's way
+            if not closure.touches:
+                continue
+            closed += 1
+            distances, parts = (
+                Distances(hand, closure.object),
+                [HandPart(hand, g, {}) for g in hand.geometry.geometryObjects],
+            )
+            shares, postures = closure.path.shares, closure.path.postures
+            for share in np.linspace(0, shares[-1], 60):
+                distances.put(np.array([np.interp(share, shares, way) for way in postures.T]))
+                assert min(distances.of(part)[0] for part in parts if part.joint) > -2.1e-7
+            if closed % 3 == 0:
+                break
+    assert closed
+
+
 @pytest.mark.parametrize("name", ["so101", "sake_left", "panda", "talos_left", "humanoid"])
 def test_hulls_are_never_farther_than_what_they_cover(name):
     """Dented meshes included: closing skips what their hulls say is far."""
@@ -436,7 +467,7 @@ def test_objects_of_another_scale_are_refused(two_links):
 
 
 def test_closing_comes_to_an_end(tmp_path, monkeypatch):
-    """A jaw that slides along a face, a micrometre off it: every step is a micrometre."""
+    """A jaw that slides in a slot, a micrometre off its face: no plane parts it from the object, and steps are small."""
     monkeypatch.setattr("pinograsp.contacts.closing._MOST_STEPS", 500)
     hand = load_hand(
         write(
@@ -446,9 +477,14 @@ def test_closing_comes_to_an_end(tmp_path, monkeypatch):
             joint("j", "palm", "jaw", "0 0 0", "1 0 0", "prismatic", "-0.1 0.2"),
         )
     )
-    box = Box(size=[0.2, 0.2, 0.2], mass=0.1, pose=at(0, 0, 0.110001))
+    box = Box(size=[0.4, 0.2, 0.2], mass=0.1, pose=at(0, 0, 0.110001))
+    assert not close_hand(hand, box, start=[-0.05], target=[0.1]).touches  # past a flat face in a few steps
+    walls = [trimesh.creation.box((0.4, 0.02, 0.1)).apply_translation((0, y, 0.05)) for y in (-0.04, 0.04)]
+    floor = trimesh.creation.box((0.4, 0.1, 0.02)).apply_translation((0, 0, 0.11))
+    slot = trimesh.boolean.union([*walls, floor]).apply_translation((0, 0, -0.089999))
+    slotted = Mesh(vertices=slot.vertices, faces=slot.faces, mass=0.1)
     with pytest.raises(InvalidInput, match="more than 500 steps, for 'jaw' is close to the object for long"):
-        close_hand(hand, box, start=[-0.05], target=[0.1])
+        close_hand(hand, slotted, start=[-0.05], target=[0.1])
 
 
 def test_a_hand_of_very_many_shapes_is_not_closed(tmp_path):
