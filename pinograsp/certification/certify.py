@@ -81,7 +81,7 @@ def certify(
         body: the object, where it is.
         postures: of the joints (N, n) [rad or m], in the order of ``hand.joint_names``; coupled joints follow.
         conditions: friction, gravity, torque limits and the reserve. A grasp is held where one squeeze holds the weight
-            and all that the reserve adds, as :func:`~pinograsp.certification.elastic.find_offsets` tells.
+            and all that the reserve adds, as :func:`~pinograsp.forces.bulk.elastic.find_offsets` tells.
         roots: oMh, where the hand's root is in the world for each posture (N, 4, 4); None: where the hand is.
         **options: what counts as a contact and as held:
 

@@ -8,23 +8,25 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pinograsp.certification.elastic import Reactions, find_multiples
 from pinograsp.certification.setup import CertifySetup
-from pinograsp.certification.squeeze import (
-    Forces,
-    Grips,
-    Holding,
-    find_least_mu,
-    hold_weight,
-    press,
-    squeeze,
-    squeeze_partly,
-)
 from pinograsp.certification.touches import PostureTouches
 from pinograsp.contacts import Friction
 from pinograsp.contacts.contact_set import bare_contacts
 from pinograsp.contacts.friction import CONE, SOFT
 from pinograsp.errors import Status
+from pinograsp.forces.bulk.elastic import Reactions, find_multiples
+from pinograsp.forces.bulk.squeeze import (
+    Forces,
+    Grips,
+    Holding,
+    find_efforts,
+    find_least_mu,
+    hold_weight,
+    press,
+    squeeze,
+    squeeze_partly,
+    torque_columns,
+)
 from pinograsp.forces.robust.reserve_search import least_squeeze
 from pinograsp.spatial import Array, BoolArray, IntArray
 
@@ -176,14 +178,10 @@ def _torques(
     """Holding torques (N, n), their largest share of a limit under all loads (N,), and the load that the limits allow
     (N,) [N].
     """
-    columns, limit = _torque_columns(touches, rows, holding.friction), setup.limit
-    bias = touches.gravity_torques[rows]
-    tau = bias + np.einsum("nkdj,nkd->nj", columns, forces)
-    change = np.concatenate([reacted.tangential, reacted.normal[:, :, None]], axis=2)
-    added = np.einsum("nkdj,nkdm->nmj", columns, change)
-    usable = limit * (1.0 - setup.reserve.torque)
-    most = np.maximum(np.abs(tau[:, None] + added).max(axis=1, initial=0.0), np.abs(tau))
-    effort = (most / usable)[:, np.isfinite(limit)].max(axis=1, initial=0.0)
+    columns = torque_columns(touches.jacobians[rows], touches.rotations[rows], holding.friction)
+    columns *= touches.used[rows][:, :, None, None]
+    bias, limit = touches.gravity_torques[rows], setup.limit
+    tau, effort = find_efforts(columns, bias, forces, reacted, limit * (1.0 - setup.reserve.torque))
     alone = np.einsum("nkdj,nkd->nj", columns, plain.local)
     room = np.where(alone > 0, limit - bias, limit + bias)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -191,14 +189,3 @@ def _torques(
         pressed = plain.local[..., -1].max(axis=1)
         multiples = np.minimum(multiples, np.where(pressed > 0, holding.cap / pressed, np.inf))
     return tau, effort, np.where(plain.found, multiples * holding.size, 0.0)
-
-
-def _torque_columns(touches: PostureTouches, rows: IntArray, friction: Friction) -> Array:
-    """Joint torques per unit of the contact components (N, k, d, n)."""
-    J, R = touches.jacobians[rows], touches.rotations[rows]
-    columns = np.einsum("nkxj,nkxc->nkcj", J[:, :, :3], R)
-    if friction.d == 4:
-        turning = np.einsum("nkxj,nkx->nkj", J[:, :, 3:], R[..., 2])
-        columns = np.concatenate([columns[:, :, :2], turning[:, :, None], columns[:, :, 2:]], axis=2)
-    columns *= touches.used[rows][:, :, None, None]
-    return np.asarray(columns, dtype=float)

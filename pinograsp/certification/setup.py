@@ -8,12 +8,12 @@ from typing import TypedDict
 import numpy as np
 
 from pinograsp import defaults
-from pinograsp.certification.squeeze import Holding
 from pinograsp.checks import flag, instance_of, integer, number, read_only
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.contacts.friction import CONE
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import GraspConditions, Reserve
+from pinograsp.forces.bulk.squeeze import Holding
 from pinograsp.hands import HandModel
 from pinograsp.hands.drives import ratios_of
 from pinograsp.motion import effort_of

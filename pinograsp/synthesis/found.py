@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from pinograsp import core
 from pinograsp.checks import brief, instance_of
 from pinograsp.contacts import (
     Closure,
@@ -24,6 +25,14 @@ from pinograsp.forces import (
     load_factor,
     optimize_forces,
 )
+from pinograsp.forces.bulk.squeeze import (
+    Grips,
+    Holding,
+    find_efforts,
+    squeeze as squeeze_all,
+    torque_columns,
+)
+from pinograsp.forces.robust.reserve import held_body
 from pinograsp.hands import HandModel
 from pinograsp.motion import effort_of, pressing_together, torque_limits, torques_matter
 from pinograsp.objects.body import Body
@@ -36,6 +45,9 @@ SOUND = 2  # rank of a grasp that withstands the reserve on contacts that are su
 # What a squeeze of the first rank may sum up to, and one that is not refined further: times the weight, or newtons per
 # contact.
 _CRUSHING, _GENTLE, _CRUMB = 15.0, 8.0, 0.15
+# The certification's squeeze presses up to this times as hard as the least: beyond it no program is asked. And what
+# stands for its effort where it finds none, so that the program is asked.
+_HARDER, _TRIED = 2.0, 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,8 +120,14 @@ class FoundGrasp:
         return self.sound, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
 
 
-def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9) -> tuple[str, FoundGrasp | None]:
-    """Forces that hold a closed hand's object, as a grasp; and the outcome in words."""
+def hold(
+    closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9, quick: bool = False
+) -> tuple[str, FoundGrasp | None]:
+    """Forces that hold a closed hand's object, as a grasp; and the outcome in words.
+
+    ``quick``: to compare many, with the squeeze of the certification where that is good enough, which may press harder
+    than the least that withstands the reserve; with one, quality and load factor are left out, as 0.
+    """
     instance_of("closure", closure, Closure)
     instance_of("conditions", conditions, GraspConditions)
     touching = [touch for touch in closure.touches if touch.finger]
@@ -122,36 +140,91 @@ def hold(closure: Closure, conditions: GraspConditions, *, impact_time: float = 
     forces = optimize_forces(problem, impact_time)
     if forces.status is not Status.OK or forces.certificate is None:
         return f"forces {forces.status}", None
-    reserve = Reserve() if conditions.reserve is None else conditions.reserve
-    quality = ferrari_canny(
-        contacts,
-        problem.mu * (1.0 - reserve.friction),
-        friction=replace(problem.friction, torsion=problem.friction.torsion * (1.0 - reserve.friction)),
-        moment_length=reserve.arm(closure.object) or None,
-        balance=problem.balance,
-        tolerance=_SHARP,
-        limit=_POINTS,
-    )
-    squeeze = forces.normal_forces if conditions.reserve is None else _squeeze(closure, problem, conditions.reserve)
+    squeeze: Array | None = forces.normal_forces
+    if conditions.reserve is not None:
+        squeeze = _squeeze(closure, problem, conditions.reserve, quick)
     borne = forces.normal_forces if squeeze is None else squeeze
+    bare = quick and squeeze is not None
     return "holds", FoundGrasp(
         pose=closure.hand.pose,
         closure=closure,
         forces=forces,
-        quality=float(quality.lower),
+        quality=0.0 if bare else _quality(problem, conditions.reserve),
         squeeze=np.inf if squeeze is None else float(squeeze.sum()),
         reserved=conditions.reserve is not None,
         doubtful=doubtful_share(closure.hand, closure.object, contacts, borne),
         energy=forces.certificate.objective,
-        load_factor=load_factor(problem, impact_time=impact_time),
+        load_factor=0.0 if bare else load_factor(problem, impact_time=impact_time),
     )
 
 
-def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve) -> Array | None:
+def _quality(problem: ForceProblem, reserve: Reserve | None) -> float:
+    reserve = Reserve() if reserve is None else reserve
+    return float(
+        ferrari_canny(
+            problem.contacts,
+            problem.mu * (1.0 - reserve.friction),
+            friction=replace(problem.friction, torsion=problem.friction.torsion * (1.0 - reserve.friction)),
+            moment_length=reserve.arm(held_body(problem)) or None,
+            balance=problem.balance,
+            tolerance=_SHARP,
+            limit=_POINTS,
+        ).lower
+    )
+
+
+def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve, quick: bool) -> Array | None:
+    """Normal forces (k,) of a squeeze that withstands the reserve; None: there is none."""
     contacts = problem.contacts
-    if contacts.posture is None:
-        return least_squeeze(problem, reserve)
-    return least_squeeze(problem, reserve, rows=pressing_together(closure.hand, contacts, contacts.posture).rows)
+    rows = np.zeros((0, problem.k))
+    if contacts.posture is not None:
+        rows = pressing_together(closure.hand, contacts, contacts.posture).rows
+    if quick and not len(rows) and _is_plain(problem):
+        normal, effort = _squeeze_quickly(problem, reserve)
+        if effort <= 1.0:
+            return normal
+        if effort > _HARDER:
+            return None
+    return least_squeeze(problem, reserve, rows=rows)
+
+
+def _is_plain(problem: ForceProblem) -> bool:
+    """Whether the certification's squeeze knows such problems."""
+    free = problem.torques is None or problem.torques.underactuation is None
+    return core.is_installed() and free and problem.rows == 6 and bool(problem.load.any())
+
+
+def _squeeze_quickly(problem: ForceProblem, reserve: Reserve) -> tuple[Array, float]:
+    """Normal forces (k,) of the certification's squeeze, and its largest share of a torque that may be used; without
+    forces a bit more than one.
+    """
+    contacts, torques = problem.contacts, problem.torques
+    wrenches = reserve.load_set(held_body(problem), problem.gravity_o).loads - problem.load
+    floor = problem.min_normal_force
+    rotations = contacts.rotations_oc[None]
+    cap = float(problem.compliance.force(problem.max_depth))
+    holding = Holding(
+        friction=problem.friction,
+        mu=float(problem.mu.min()),
+        weight=problem.load,
+        cap=cap if problem.max_normal_force is None else min(cap, float(np.min(problem.max_normal_force))),
+    )
+    grips = Grips(
+        points=(contacts.points_o - contacts.com_o)[None],
+        rotations=rotations,
+        counts=np.array([problem.k]),
+        least=None if floor is None else np.broadcast_to(floor, (1, problem.k)),
+    )
+    wrenches = wrenches[np.abs(wrenches).max(axis=1) > 0]
+    forces, (reacted, _) = squeeze_all(grips, holding, reserve, wrenches, 1)
+    if not forces.found[0]:
+        return np.zeros(problem.k), _TRIED
+    if torques is None:
+        return forces.local[0, :, -1], 0.0
+    columns = torque_columns(torques.jacobian[None], rotations, problem.friction)
+    usable = torques.usable * (1.0 - reserve.torque)
+    _, effort = find_efforts(columns, torques.bias[None], forces.local, reacted, usable)
+    return forces.local[0, :, -1], float(effort[0])
 
 
 def problem_of(hand: HandModel, body: Body, contacts: ContactSet, conditions: GraspConditions) -> ForceProblem:

@@ -43,7 +43,7 @@ _MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchCase:
-    """What all samples of a search have in common."""
+    """What all samples of a search have in common; ``rough`` is the hand with its meshes' convex hulls."""
 
     hand: HandModel
     rough: HandModel
@@ -67,7 +67,7 @@ def make_search_case(
     region: Region | None = None,
 ) -> SearchCase:
     """Preshapes of the hand and pairs of the object, which all samples draw from."""
-    rough = replace(hand, geometry=hulls(hand.geometry))
+    rough = hand_of_hulls(hand)
     shapes = preshapes(rough, rng)
     good = _usable(rough, shapes)
     if len(good) < _ENOUGH and not cannot_stop_alone(hand):
@@ -88,6 +88,11 @@ def make_search_case(
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
         region=region,
     )
+
+
+def hand_of_hulls(hand: HandModel) -> HandModel:
+    """The hand with its meshes' convex hulls."""
+    return replace(hand, geometry=hulls(hand.geometry))
 
 
 def _usable(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:
@@ -137,7 +142,7 @@ def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
             posed, tried = moved, other
     if tried.grasp is None:
         return Batch(outcomes, None)
-    exact = _try_closing(case, Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed)).grasp
+    exact = _try_closing(case, Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed), quick=False).grasp
     if exact is None:
         return Batch(outcomes, None)
     forces = replace(exact.forces, problem=replace(exact.forces.problem, object=None))
@@ -159,8 +164,8 @@ class Tried(NamedTuple):
         return (-1, -self.imbalance) if self.grasp is None else self.grasp.worth
 
 
-def _try_closing(case: SearchCase, posed: Posed) -> Tried:
-    """The outcome of closing a hand where it is."""
+def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried:
+    """The outcome of closing a hand where it is; ``quick``: as one of many."""
     try:
         closure = _closure(case, posed)
     except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
@@ -173,7 +178,7 @@ def _try_closing(case: SearchCase, posed: Posed) -> Tried:
     outside = max(_outside(case, closure).values(), default=0.0)
     if outside > 0:  # ranks after all that is inside, and the nearer, the better
         return Tried(_OUTSIDE, imbalance=_LEAST_BALANCED + outside / case.body.bounding_radius)
-    outcome, grasp = hold(closure, case.conditions, impact_time=case.impact_time)
+    outcome, grasp = hold(closure, case.conditions, impact_time=case.impact_time, quick=quick)
     touching = [touch for touch in closure.touches if touch.finger]
     if grasp is not None or len(touching) < 2:
         return Tried(outcome, grasp)

@@ -13,6 +13,7 @@ import contextlib
 import functools
 import pickle
 import tempfile
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
@@ -42,7 +43,7 @@ from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.synthesis.found import SOUND, FoundGrasp
 from pinograsp.synthesis.near import what_would_do, wider_conditions
-from pinograsp.synthesis.samples import Batch, SearchCase, make_batch, make_search_case
+from pinograsp.synthesis.samples import Batch, SearchCase, hand_of_hulls, make_batch, make_search_case
 from pinograsp.synthesis.seeds import Region
 from pinograsp.writing import write_errors
 
@@ -50,6 +51,7 @@ _MOST = 100_000  # samples
 _ROUNDS = 4  # times ``count`` samples are tried, as long as no grasp is sound
 _NEAR = 2  # grasps of wider conditions that are kept
 _BATCH = 4  # samples, of which the best is refined
+_POOL, _PROCESS = 4.0, 0.5  # [s] that it takes other processes to start, and to take up a case
 _TOO_LARGE, _TOO_SMALL = 10.0, 100.0  # times: such an object was drawn in other units; walls may be thin
 
 
@@ -225,6 +227,7 @@ class _Run:
         self.outcomes: dict[str, int] = {}
         self.interrupted = False
         self.folder: str | None = None
+        self.spent, self.done, self.started = 0.0, 0, False  # [s] and batches here; whether there are processes
         disable = None if progress is None else not progress
         self.bar = tqdm(total=0, desc="grasps", unit="sample", disable=disable, leave=False)
 
@@ -263,15 +266,29 @@ class _Run:
         return ()
 
     def _results(self, case: SearchCase, seed: np.random.SeedSequence) -> Iterator[Batch]:
-        parallel = joblib.effective_n_jobs(self.jobs) > 1
+        work = list(zip(seed.spawn(len(self.sizes)), self.sizes))
+        for i, (batch, size) in enumerate(work):
+            if self._pays(len(work) - i):
+                yield from self._results_elsewhere(case, work[i:])
+                return
+            started = time.perf_counter()
+            yield _raised(_try(case, batch, size))
+            self.spent, self.done = self.spent + time.perf_counter() - started, self.done + 1
+
+    def _pays(self, batches: int) -> bool:
+        """Whether other processes, which take a while to start, are done with so many batches before this one is."""
+        jobs = min(joblib.effective_n_jobs(self.jobs), batches)
+        if jobs < 2 or not self.done:
+            return False
+        start = _PROCESS if self.started else _POOL
+        return bool(self.spent / self.done * batches * (1.0 - 1.0 / jobs) > start)
+
+    def _results_elsewhere(self, case: SearchCase, work: list[tuple[np.random.SeedSequence, int]]) -> Iterator[Batch]:
         path = Path(str(self.folder)) / f"case-{self.bar.total}.pickle"
-        task = _in_a_file(case, path) if parallel else case
-        work = ((task, batch, size) for batch, size in zip(seed.spawn(len(self.sizes)), self.sizes))
-        with parallel_results(_try, work, self.jobs, return_as="generator") as results:
-            for batch in results:
-                if isinstance(batch, Exception):
-                    raise batch
-                yield batch
+        task, self.started = _in_a_file(case, path), True
+        calls = ((task, batch, size) for batch, size in work)
+        with parallel_results(_try, calls, self.jobs, return_as="generator") as results:
+            yield from map(_raised, results)
 
 
 def _remarks(hand: HandModel) -> tuple[str, ...]:
@@ -316,7 +333,7 @@ def _region(within: ArrayLike, body: Body) -> Region:
 def _in_a_file(case: SearchCase, path: Path) -> str:
     """Write the case to a file, for other processes; its name."""
     try:
-        content = cloudpickle.dumps(case)
+        content = cloudpickle.dumps(replace(case, rough=case.hand))
     except (pickle.PicklingError, TypeError, AttributeError) as error:
         raise InvalidInput(
             f"find_grasps: hand, object or conditions cannot go to other processes ({error}): use jobs=1"
@@ -329,7 +346,7 @@ def _in_a_file(case: SearchCase, path: Path) -> str:
 @functools.lru_cache(maxsize=1)
 def _case(path: str) -> SearchCase:
     case: SearchCase = pickle.loads(Path(path).read_bytes())
-    return case
+    return replace(case, rough=hand_of_hulls(case.hand))
 
 
 def _try(case: SearchCase | str, seed: np.random.SeedSequence, size: int) -> Batch | Exception:
@@ -338,6 +355,12 @@ def _try(case: SearchCase | str, seed: np.random.SeedSequence, size: int) -> Bat
         return make_batch(_case(case) if isinstance(case, str) else case, np.random.default_rng(seed), size)
     except Exception as error:
         return _plain(error)
+
+
+def _raised(batch: Batch | Exception) -> Batch:
+    if isinstance(batch, Exception):
+        raise batch
+    return batch
 
 
 def _plain(error: Exception) -> PinograspError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -169,9 +170,34 @@ def test_preshapes_oppose():
         assert np.all(best.opened >= hand.lower - 1e-9) and np.all(best.closed <= hand.upper + 1e-9)
 
 
+@pytest.fixture
+def at_once(monkeypatch):
+    """Other processes take part from the second batch on, however long they take to start."""
+    monkeypatch.setattr("pinograsp.synthesis.search._POOL", 0.0)
+    monkeypatch.setattr("pinograsp.synthesis.search._PROCESS", 0.0)
+
+
+def test_processes_are_started_where_they_pay(monkeypatch):
+    started = []
+
+    def parallel(function, arguments, jobs, **settings):
+        started.append(jobs)
+        return contextlib.nullcontext(map(lambda each: function(*each), list(arguments)))
+
+    monkeypatch.setattr("pinograsp.synthesis.search.parallel_results", parallel)
+    panda, ball = load_hand("panda"), Sphere(radius=0.02, mass=0.1)
+    alone = find_grasps(panda, ball, count=12, seed=6, jobs=2, **SETTINGS)
+    assert not started
+    monkeypatch.setattr("pinograsp.synthesis.search._POOL", 0.0)
+    assert find_grasps(panda, ball, count=4, seed=6, jobs=2, **SETTINGS).tried == 4 and not started  # one batch
+    together = find_grasps(panda, ball, count=12, seed=6, jobs=2, **SETTINGS)
+    assert started == [2] and together.outcomes == alone.outcomes
+    assert [one.worth for one in together.grasps] == [one.worth for one in alone.grasps]
+
+
 @pytest.mark.slow
 @pytest.mark.no_cover
-def test_the_result_depends_on_the_seed_alone(allegro, ball, found):
+def test_the_result_depends_on_the_seed_alone(allegro, ball, found, at_once):
     again = find_grasps(allegro, ball, count=16, seed=3, jobs=2, **SETTINGS)
     assert again.outcomes == found.outcomes
     assert [p.quality for p in again.grasps] == pytest.approx([p.quality for p in found.grasps], rel=1e-6)
@@ -236,12 +262,12 @@ def test_wrapped_grasps_rest_on_the_palm():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("jobs", slow_except([1, 2], 2))
-def test_objects_of_ones_own_class_are_placed(jobs):
+def test_objects_of_ones_own_class_are_placed(jobs, at_once):
     class Ball(Sphere):
         """No module knows it by name."""
 
-    search = find_grasps(load_hand("humanoid"), Ball(radius=0.02, mass=0.05), count=4, jobs=jobs, **SETTINGS)
-    assert search.tried == 4 and not search.interrupted
+    search = find_grasps(load_hand("humanoid"), Ball(radius=0.02, mass=0.05), count=8, jobs=jobs, **SETTINGS)
+    assert search.tried == 8 and not search.interrupted
     assert all(type(one.closure.object) is Ball for one in search.grasps)
 
 
@@ -317,9 +343,9 @@ def test_errors_of_samples_are_one_message(jobs):
 
 
 @pytest.mark.slow
-def test_lost_processes_are_one_message():
+def test_lost_processes_are_one_message(at_once):
     with pytest.raises(PinograspError, match="process of the search was lost"):
-        find_grasps(load_hand("panda"), Deadly(radius=0.02, mass=0.1), count=4, jobs=2, **SETTINGS)
+        find_grasps(load_hand("panda"), Deadly(radius=0.02, mass=0.1), count=12, jobs=2, **SETTINGS)
 
 
 @pytest.mark.slow

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from random_grasps import contact_set_of
 
-from pinograsp.certification.elastic import find_multiples, find_offsets, make_springs
-from pinograsp.certification.squeeze import MOST_MU, Grips, Holding, find_least_mu, hold_weight, squeeze
 from pinograsp.contacts import Friction
 from pinograsp.forces import ForceProblem, Reserve
+from pinograsp.forces.bulk.elastic import find_multiples, find_offsets, make_springs
+from pinograsp.forces.bulk.squeeze import MOST_MU, Grips, Holding, find_least_mu, hold_weight, squeeze
 from pinograsp.forces.matrices import elastic_reaction
 from pinograsp.forces.robust.margins import disturbance_margin
 from pinograsp.forces.robust.reserve_search import least_squeeze

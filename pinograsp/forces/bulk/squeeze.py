@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pinograsp.certification.elastic import Reactions, find_multiples, find_offsets, make_springs
 from pinograsp.contacts import Friction
 from pinograsp.errors import Status
-from pinograsp.forces import ForceBatch, Reserve, solve_batch
+from pinograsp.forces.bulk.elastic import Reactions, find_multiples, find_offsets, make_springs
+from pinograsp.forces.robust.reserve import Reserve
+from pinograsp.forces.solve.batch import ForceBatch, solve_batch
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 MOST_MU = 2.0  # tried
@@ -128,6 +129,27 @@ def squeeze(
         _take(best, _above(own, kept, needed, floor[rows], threads), rows, some, own.used, kept)
     local = best.local * best.found[:, None, None]
     return Forces(status=best.status, local=local, residual=best.residual), (whole, spread)
+
+
+def torque_columns(jacobians: Array, rotations: Array, friction: Friction) -> Array:
+    """Joint torques (N, k, d, n) per unit of the contact components, from the contact Jacobians (N, k, 6, n)."""
+    columns = np.einsum("nkxj,nkxc->nkcj", jacobians[:, :, :3], rotations)
+    if friction.d == 4:
+        turning = np.einsum("nkxj,nkx->nkj", jacobians[:, :, 3:], rotations[..., 2])
+        columns = np.concatenate([columns[:, :, :2], turning[:, :, None], columns[:, :, 2:]], axis=2)
+    return np.asarray(columns, dtype=float)
+
+
+def find_efforts(columns: Array, bias: Array, local: Array, reacted: Reactions, usable: Array) -> tuple[Array, Array]:
+    """Holding torques (N, n) of forces (N, k, d), and their largest share of a usable torque (n,) under all loads (N,).
+
+    ``columns`` are those of :func:`torque_columns`, ``bias`` (N, n) is the torque without contact; infinity: no limit.
+    """
+    tau = bias + np.einsum("nkdj,nkd->nj", columns, local)
+    change = np.concatenate([reacted.tangential, reacted.normal[:, :, None]], axis=2)
+    added = np.einsum("nkdj,nkdm->nmj", columns, change)
+    most = np.maximum(np.abs(tau[:, None] + added).max(axis=1, initial=0.0), np.abs(tau))
+    return tau, (most / usable)[:, np.isfinite(usable)].max(axis=1, initial=0.0)
 
 
 def squeeze_partly(grips: Grips, holding: Holding, reserve: Reserve, wrenches: Array, threads: int | None) -> Forces:

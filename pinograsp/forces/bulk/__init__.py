@@ -1,0 +1,1 @@
+"""Squeezes of many grasps at once, and of one quickly."""
