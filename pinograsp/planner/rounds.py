@@ -194,10 +194,10 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
     searched, posture = problem, problem.contacts.posture
     together = None if posture is None else pressing_together(hand, problem.contacts, posture)
     while True:
-        squeeze = search_reserve(searched, reserve, objective=options.objective, start=start)
-        tried += squeeze.tried
-        refuse_no_squeeze(squeeze, searched, reserve, options.objective)
-        least = _least_of_any_hand(squeeze, searched, reserve, options)
+        of, freely = searched, search_reserve(searched, reserve, objective=options.objective, start=start)
+        tried += freely.tried
+        refuse_no_squeeze(freely, searched, reserve, options.objective)
+        squeeze = freely
         rows = np.zeros((0, problem.k)) if together is None else together.rows
         if len(rows) or reserve.stiffness_factors:
             squeeze = _search_producible(hand, searched, squeeze, reserve, options, posture, together)
@@ -215,6 +215,8 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
         searched, start, rounds = replace(problem, torques=limits), squeeze.impact_time, rounds + 1
         if rounds > ROUNDS.torques:
             break
+    least = _least_of_any_hand(freely, of, reserve, options)
+    watch.stop("forces")
     for _ in range(ROUNDS.coming):
         coming = _search_as_they_come(hand, searched, options, reserve, squeeze, motion)
         if coming is None:
