@@ -18,6 +18,17 @@ NAME = re.compile(r"[A-Za-z][\w.-]*")
 Packages: TypeAlias = Mapping[str, Path]  # folders by the names of the packages
 
 
+class PackageNotFound(Exception):
+    """A package that is nowhere, and ``others`` that are not, either."""
+
+    def __init__(self, name: str, others: str = ""):
+        nor = f" (nor of {others})" if others else ""
+        super().__init__(
+            f"'$(find {name})': no package.xml of that name{nor} in the folders above or in ROS_PACKAGE_PATH: its "
+            "folder is to be given by packages="
+        )
+
+
 def packages_of(given: Mapping[str, str | Path] | None) -> Packages:
     """Packages and their folders as a user gives them.
 

@@ -14,7 +14,7 @@ from typing import Any
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.arithmetic import NotAllowed
 from pinograsp.hands.file_reads import digest_of
-from pinograsp.hands.ros_packages import Packages, find_package
+from pinograsp.hands.ros_packages import PackageNotFound, Packages, find_package
 from pinograsp.hands.xacro_guard import PACKAGE, Guard
 
 _ONE_AT_A_TIME = threading.Lock()  # for the error stream is everybody's
@@ -53,7 +53,10 @@ def expand_xacro(
         problem = "it includes or calls itself without end" if isinstance(error, RecursionError) else str(error)
         place = "".join(f"{Path(name).name}: " for name in (getattr(module, "filestack", None) or [])[-1:])
         problems = [place + line for line in problem.split("\n")]
-        if isinstance(_cause_of(error), NotAllowed | SyntaxError):
+        cause = _cause_of(error)
+        if isinstance(cause, PackageNotFound):
+            raise HandNotLoaded(path, problems) from error
+        if isinstance(cause, NotAllowed | SyntaxError):
             raise HandNotLoaded(path, [*problems, "pass trusted=True if you trust this file"]) from error
         raise HandNotLoaded(path, f"xacro could not expand it: {'; '.join(problems)}") from error
     return "\n".join(['<?xml version="1.0" ?>', *filter(str.strip, lines)]) + "\n"
@@ -73,6 +76,11 @@ def _find_packages(module: Any, folder: Path, packages: Packages) -> None:
     def evaluate_extension(text: str) -> Any:  # what xacro makes of it
         package = PACKAGE.fullmatch(text)
         found = package and find_package(package[1], folder, packages)
-        return str(found) if found else evaluate(text)
+        if found or not package:
+            return str(found) if found else evaluate(text)
+        try:
+            return evaluate(text)  # ROS may know more packages
+        except Exception as error:
+            raise PackageNotFound(package[1]) from error
 
     module.eval_extension = evaluate_extension

@@ -19,7 +19,7 @@ from xml.dom import expatbuilder
 from pinograsp.hands import arithmetic
 from pinograsp.hands.arithmetic import NotAllowed
 from pinograsp.hands.elements import parse_xml, read_bytes
-from pinograsp.hands.ros_packages import Packages, find_package
+from pinograsp.hands.ros_packages import PackageNotFound, Packages, find_package
 from pinograsp.hands.yaml_data import read_yaml
 
 # One parameter of a macro: xacro's own pattern takes hours for some.
@@ -99,10 +99,7 @@ class Guard:
             folders = {one: find_package(one, self.folder, self.given) for one in (name, *sorted(self.named - {name}))}
             if (folder := folders.pop(name)) is None:
                 others = ", ".join(other for other in folders if folders[other] is None)
-                raise NotAllowed(
-                    f"'$(find {name})': no package.xml of that name{others and f' (nor of {others})'} in the folders "
-                    "above or in ROS_PACKAGE_PATH: its folder is to be given by packages="
-                )
+                raise PackageNotFound(name, others)
             self.packages[name] = folder
         return self.packages[name]
 

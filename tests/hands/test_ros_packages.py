@@ -143,3 +143,15 @@ def test_on_the_command_line(command, gripper):
         "close", "--hand", str(file), "--object", "sphere:radius=0.02,mass=0.1", *chosen, "--samples", "8"
     )
     assert code == 0 and "left" in out
+
+
+@pytest.mark.parametrize("trusted", [True, False])
+def test_trust_is_not_asked_for_where_a_package_is_missing(tmp_path, trusted):
+    path = tmp_path / "hand.urdf.xacro"
+    path.write_text(
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:include filename="$(find nowhere_utils)/a.xacro"/><link name="b"/></robot>'
+    )
+    with pytest.raises(HandNotLoaded, match=r"find nowhere_utils.*its folder is to be given by packages=") as told:
+        load_hand(path, trusted=trusted)
+    assert "trusted" not in str(told.value) and "substitution" not in str(told.value)
