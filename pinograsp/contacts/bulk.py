@@ -216,7 +216,6 @@ class BulkScene:
     def _find_touching(self, q: Array, placed: Array, objects: Array, tolerance: float) -> _Touching:
         """The nearest part of each link, where it is within the tolerance or deeper, in the hand's own world."""
         grasps, parts, solids, _ = self._near(placed, objects, tolerance)
-        request, result = self.distances.request, self.distances.result
         rows: list[_Row] = []
         failed = np.zeros(len(q), dtype=bool)
         at = np.searchsorted(grasps, np.arange(len(q) + 1)).tolist()
@@ -231,8 +230,7 @@ class BulkScene:
                 if part_list[j] != part:
                     part = part_list[j]
                     pose = coal.Transform3s(placed[i, part, :3, :3], placed[i, part, :3, 3])
-                result.clear()
-                gap = coal.distance(self.parts[part].hull, pose, self.solids[solid_list[j]], here, request, result)
+                gap = self._gap(part, pose, solid_list[j], here)
                 link = links[part]
                 if gap <= tolerance and (link not in best or gap < best[link][0]):
                     best[link] = gap, part, solid_list[j], pose
@@ -246,6 +244,16 @@ class BulkScene:
                     rows.append((i, part, solid, *found, *self._jacobian(part)))
         return _Touching(rows, failed, self.hand.n)
 
+    def _gap(self, part: int, pose: coal.Transform3s, solid: int, here: coal.Transform3s) -> float:
+        """The signed distance of a part's hull from a convex part of the object [m]."""
+        distances, gap = self.distances, -np.inf
+        for request in (distances.request, distances.plain):  # at its finest tolerance coal fails on some overlaps
+            distances.result.clear()
+            gap = coal.distance(self.parts[part].hull, pose, self.solids[solid], here, request, distances.result)
+            if -_FAILED < gap < _FAILED:
+                break
+        return gap
+
     def _measure(
         self, part: int, pose: coal.Transform3s, solid: int, here: coal.Transform3s
     ) -> tuple[float, Array, Array] | None:
@@ -254,9 +262,8 @@ class BulkScene:
         Inside, the object is moved off until it is clear (:meth:`_way_out`), along the normal of its convex part, or,
         where that leads along a wall, in the direction that is shortest. None where coal finds no way out.
         """
-        result, request, hand_part = self.distances.result, self.distances.request, self.parts[part]
-        result.clear()
-        gap = coal.distance(hand_part.hull, pose, self.solids[solid], here, request, result)
+        result, hand_part = self.distances.result, self.parts[part]
+        gap = self._gap(part, pose, solid, here)
         mine, other = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
         apart = other - mine
         size = float(np.abs(apart).max())

@@ -10,7 +10,7 @@ from marks import slow_except
 
 import pinograsp as pg
 from pinograsp.certification import Certificates, Certifier, certify, make_trial
-from pinograsp.contacts import close_hand, contacts_of
+from pinograsp.contacts import clearance, close_hand, contacts_of
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.errors import InvalidInput, NoGrasp, Status
 from pinograsp.hands import Drive
@@ -313,3 +313,21 @@ def test_what_is_certified_holds_in_simulation_and_falls_with_less_friction_than
     i = int(held[0])
     slippery = Disturbance(mu=0.7 * found.least_mu[i])
     assert not pg.simulate(make_trial(found, i), disturbance=slippery).verdict.held
+
+
+def test_boxes_deep_in_a_cylinder_are_measured():
+    """At its finest tolerance coal fails on some of these overlaps: a coarser one answers, and the depth is right."""
+    hand, rng = pg.load_hand("allegro_right"), np.random.default_rng()
+    body = pg.Cylinder(radius=0.048, height=0.24, density=300.0)
+    q = rng.uniform(0.3 * hand.lower + 0.7 * hand.upper, hand.upper, (160, hand.n))
+    roots = np.repeat(np.eye(4)[None], len(q), axis=0)
+    for root in roots:
+        root[:3, :3] = pin.exp3(rng.uniform(-np.pi, np.pi, 3))
+        root[:3, 3] = -root[:3, :3] @ [0.05, 0.0, 0.0] + rng.uniform(-0.05, 0.05, 3)
+    found = pg.certify(hand, body, q, pg.GraspConditions(mu=0.6), roots=roots)
+    reasons = [Status.from_code(code) for code in found.reason]
+    assert Status.GEOMETRY_FAILED not in reasons
+    deep = [i for i, reason in enumerate(reasons) if reason is Status.PENETRATES]
+    assert len(deep) > 20
+    for i in deep[:20]:
+        assert clearance(hand.placed(roots[i]), body, q[i]) < 0.0
