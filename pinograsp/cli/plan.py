@@ -82,7 +82,7 @@ class AloneOptions:
         "Change a value of the case; repeatable.", "--set", metavar="KEY=VALUE", complete=completion.keys
     )
     compare: bool = _case(
-        "With the case 'paper': print the table against the paper's figures, too.", "--compare", default=False
+        "With the case 'paper': its figures beside ours, on the screen and in the report.", "--compare", default=False
     )
 
     def settings(self) -> dict[str, Any]:
@@ -212,7 +212,7 @@ def _plan_case(
             if error.solution.search == "convex":
                 _keep_proof(error, loaded, folder)
             raise
-        _finish(_with_comparison(planned, loaded) if case == "paper" else planned, folder, session, options.compare)
+        _finish(_with_comparison(planned, loaded) if options.compare else planned, folder, session)
 
 
 def _with_comparison(plan: GraspPlan, case: Case) -> GraspPlan:
@@ -248,7 +248,7 @@ def search_grasps(case: ObjectCase, session: Session) -> GraspSearch | None:
     return search
 
 
-def _finish(plan: GraspPlan, folder: NewFolder, session: Session, compare: bool = False) -> None:
+def _finish(plan: GraspPlan, folder: NewFolder, session: Session) -> None:
     """Save a plan with its report and figures, print it, and exit with its code."""
     from pinograsp.planner import save_run
 
@@ -263,7 +263,7 @@ def _finish(plan: GraspPlan, folder: NewFolder, session: Session, compare: bool 
     if session.as_json:
         session.print_json({**plan.summary(), "folder": str(folder.path)})
     else:
-        if compare and plan.comparison:
+        if plan.comparison:
             _print_comparison(plan)
         print_plan(plan, folder.path, session)
     if plan.status.exit_code:

@@ -32,10 +32,20 @@ class NotebookFigure(Figure):
     """
 
     def savefig(self, *args: Any, **options: Any) -> None:
-        """As Matplotlib's."""
+        """As Matplotlib's, laid out once: with a layout engine Matplotlib draws every figure twice."""
+        engine, dpi = self.get_layout_engine(), self.dpi
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", category=UserWarning)
-            super().savefig(*args, **options)
+            if engine is not None:
+                self.set_dpi(options.get("dpi", dpi))  # text is not quite as wide at another one
+                engine.execute(self)
+                self.set_layout_engine("none")
+            try:
+                super().savefig(*args, **options)
+            finally:
+                self.set_dpi(dpi)
+                if engine is not None:
+                    self.set_layout_engine(engine)
 
     def _repr_png_(self) -> bytes:
         return encode_figure(self, "png")
