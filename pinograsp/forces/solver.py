@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import instance_of, record_of
+from pinograsp.checks import frozen, instance_of, record_of
 from pinograsp.errors import Status
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
@@ -15,6 +16,8 @@ from pinograsp.forces.solution import ConvexSolution, solution_of
 from pinograsp.forces.solve.compiled import PreparedForces
 from pinograsp.forces.solve.program import Objective, assemble, energy_terms_at, weights_of
 from pinograsp.forces.solve.solver_order import COMPILED, SolverName, SolverOrder, check_solver
+
+_NONE_C, _NONE = frozen(np.zeros((0, 3))), frozen(np.zeros(0))
 
 
 class ForceSolver:
@@ -96,22 +99,40 @@ def certify_by_core(
     impact_time: float,
     started: float,
 ) -> ConvexSolution | None:
-    """The core's certified answer; None where it has none. ``prepared``: for this problem under any load."""
-    found = None if prepared is None else prepared.forces(problem.load)
-    if found is None:
+    """The core's certified forces, or its proof that there are none; None where it has neither.
+
+    ``prepared``: for this problem under any load.
+    """
+    if prepared is None:
         return None
-    return record_of(
-        ConvexSolution,
-        {
+    found = prepared.forces(problem.load)
+    proof = prepared.prove(problem.load) if found is None else None
+    values: dict[str, object]
+    if proof is not None:
+        values = {
+            "status": Status.INFEASIBLE,
+            "solver": prepared.method,
+            "impact_time": None,
+            "forces_c": _NONE_C,
+            "torsion": _NONE,
+            "certificate": None,
+            "infeasibility": proof,
+        }
+    elif found is not None:
+        values = {
             "status": Status.OK,
-            "problem": problem,
-            "search": "convex",
             "solver": found.solver,
-            "weights": dict(weights),
             "impact_time": impact_time,
             "forces_c": found.forces_c,
             "torsion": found.torsion,
             "certificate": found.certificate,
-            "elapsed": time.perf_counter() - started,
-        },
-    )
+        }
+    else:
+        return None
+    values |= {
+        "problem": problem,
+        "search": "convex",
+        "weights": dict(weights),
+        "elapsed": time.perf_counter() - started,
+    }
+    return record_of(ConvexSolution, values)

@@ -187,6 +187,32 @@ def test_infeasible_loads_are_proven(contact_set):
             assert found.status is Status.INFEASIBLE and found.infeasibility.margin > 0
 
 
+@pytest.mark.parametrize("model", ["cone", "pyramid", "soft"])
+@pytest.mark.parametrize("count", [3, 8, 20])
+def test_the_cores_proofs_are_those_of_the_general_method(contact_set, monkeypatch, model, count):
+    """The same least residual and direction, the same limits; and the load is never looked at by the general method."""
+    from pinograsp.forces.infeasibility import prove
+    from pinograsp.forces.matrices import matrices_of
+    from pinograsp.forces.solve.program import assemble, energy_terms_at, weights_of
+    from pinograsp.forces.solve.solver_order import SolverOrder
+
+    friction = Friction(model=model, torsion=0.005) if model == "soft" else Friction(model=model)
+    for contacts, load in grasps(contact_set, count, 4, int(np.random.default_rng().integers(10**6))):
+        problem = ForceProblem(contacts=contacts, load=1e3 * load, mu=0.5, friction=friction, max_depth=5e-3)
+        weights = weights_of(None, problem)
+        terms, limits = energy_terms_at(problem, weights, 0.85), problem.normal_force_range(0.85)
+        known = prove(problem, assemble(matrices_of(problem, weights), problem.scaled_load, terms, *limits))
+        with monkeypatch.context() as patch:
+            patch.setattr(SolverOrder, "solve", lambda *_, **__: pytest.fail("the general method was asked"))
+            found = optimize_forces(problem, 0.85, solver="newton").infeasibility
+        assert found.margin == pytest.approx(known.margin, rel=1e-6)
+        assert found.direction == pytest.approx(known.direction, abs=1e-3)
+        assert found.residual == pytest.approx(known.residual, rel=1e-3, abs=1e-4 * known.margin)
+        for name in ("at_least", "at_most", "at_torque", "crossed", "joint_weights"):
+            assert np.array_equal(getattr(found, name), getattr(known, name)), name
+        assert found.closest_c.shape == (count, 3) and not found.closest_c.flags.writeable
+
+
 def answered(problem, name, objective="work"):
     """Code, x and y (all rows) of a method by itself, and the program."""
     from pinograsp.forces.matrices import matrices_of

@@ -127,15 +127,26 @@ struct Prepared {
         need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, found), "terms");
     }
 
-    // Fills numbers (6 + 4 k): wrench, forces, torsion; and active (3 k + r).
-    nb::tuple solve(Wrench load, Written numbers, Flags active) const {
+    // Numbers (6 + 4 k): wrench, forces, torsion; active (3 k + r).
+    Record record_in(Written& numbers, Flags& active) const {
         const int k = forces->contacts(), r = forces->torque_rows();
         need(numbers.size() == static_cast<std::size_t>(6 + 4 * k) &&
                  active.size() == static_cast<std::size_t>(3 * k + r),
              "room for the results");
         double* out = numbers.data();
         bool* at = active.data();
-        const Record record{out, out + 6, out + 6 + 3 * k, at, at + k, at + 2 * k, at + 3 * k};
+        return {out, out + 6, out + 6 + 3 * k, at, at + k, at + 2 * k, at + 3 * k};
+    }
+
+    // Fills the direction of the proof (6), and numbers and active of the closest forces; 0: not proven.
+    double prove(Wrench load, Written direction, Written numbers, Flags active) const {
+        need(direction.size() == 6, "room for the direction");
+        return forces->prove(least.data(), greatest.data(), load.data(), record_in(numbers, active), direction.data());
+    }
+
+    // Fills numbers and active.
+    nb::tuple solve(Wrench load, Written numbers, Flags active) const {
+        const Record record = record_in(numbers, active);
         const Outcome found = forces->solve(newton, least.data(), greatest.data(), terms.data(),
                                             static_cast<int>(terms.size()) / 2, load.data(), record);
         const Certificate sure(found, tolerance);
@@ -335,7 +346,8 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         .def(nb::init<nb::object, bool, Numbers, Numbers, Numbers, double, double, double, double, double>(), "grasp"_a,
              "newton"_a, "least"_a, "greatest"_a, "terms"_a, nb::kw_only(), "residual"_a, "violation"_a, "gap"_a,
              "vanishing"_a, "negligible"_a)
-        .def("solve", &Prepared::solve, "load"_a.noconvert(), "numbers"_a, "active"_a);
+        .def("solve", &Prepared::solve, "load"_a.noconvert(), "numbers"_a, "active"_a)
+        .def("prove", &Prepared::prove, "load"_a.noconvert(), "direction"_a, "numbers"_a, "active"_a);
     nb::class_<OnlineSetup> online_setup(m, "OnlineSetup");
     online_setup.def(nb::init<>())
         .def_rw("contacts", &OnlineSetup::contacts)

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pinograsp import core
-from pinograsp.checks import record_of
-from pinograsp.forces.certificate import NEGLIGIBLE, TOLERANCE, VANISHING, Certificate
+from pinograsp.checks import frozen, record_of
+from pinograsp.forces.certificate import NEGLIGIBLE, TOLERANCE, VANISHING, Certificate, Infeasibility
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solve.answers import Checks, ProgramAnswer
 from pinograsp.forces.solve.program import EnergyTerms, Program
@@ -70,7 +70,11 @@ class CompiledForces(NamedTuple):
 
 
 class PreparedForces:
-    """Everything of a force problem but its load, at one impact time, for one objective and compiled method."""
+    """Everything of a force problem but its load, at one impact time, for one objective and compiled method.
+
+    Attributes:
+        method: its name.
+    """
 
     def __init__(
         self,
@@ -81,25 +85,23 @@ class PreparedForces:
         normal_force_range: tuple[Array, Array],
     ):
         """Hand all numbers to the core; ``terms`` and ``normal_force_range`` are those at the impact time."""
-        self._k, weights = problem.k, template.matrices.weights
+        self._k, self.method, weights = problem.k, method, template.matrices.weights
         names = () if problem.torques is None else problem.torques.limited_joints
         self._joints = tuple(names[row] for row in template.order)
         powers = np.array([(weights[m] * c, e) for m, own in terms.items() for c, e in own], dtype=float).reshape(-1, 2)
-        self._solve = (
-            core.load()
-            .Prepared(
-                template.grasp(problem),
-                method == "newton",
-                *normal_force_range,
-                powers,
-                residual=TOLERANCE.residual,
-                violation=TOLERANCE.violation,
-                gap=TOLERANCE.gap,
-                vanishing=VANISHING,
-                negligible=NEGLIGIBLE,
-            )
-            .solve
+        self._prepared = core.load().Prepared(
+            template.grasp(problem),
+            method == "newton",
+            *normal_force_range,
+            powers,
+            residual=TOLERANCE.residual,
+            violation=TOLERANCE.violation,
+            gap=TOLERANCE.gap,
+            vanishing=VANISHING,
+            negligible=NEGLIGIBLE,
         )
+        self._solve = self._prepared.solve
+        self._torques = 0 if problem.torques is None else len(problem.torques.limit)
 
     def forces(self, load: Array) -> CompiledForces | None:
         """Forces for a load (6,), read-only; None where there is no certified answer."""
@@ -130,3 +132,27 @@ class PreparedForces:
         )
         forces = numbers[6 : 6 + 3 * k].reshape((k, 3))
         return CompiledForces("newton" if newton else "interior", certificate, forces, numbers[6 + 3 * k :])
+
+    def prove(self, load: Array) -> Infeasibility | None:
+        """The proof that no forces hold a load (6,), read-only; None where there is none."""
+        k = self._k
+        direction, numbers = np.zeros(6), np.empty(6 + 4 * k)
+        active = np.empty(3 * k + len(self._joints), np.bool_)
+        margin = self._prepared.prove(load, direction, numbers, active)
+        if not margin > 0.0:
+            return None
+        for part in (direction, numbers, active):
+            part.flags.writeable = False
+        return Infeasibility(
+            margin=margin,
+            direction=direction,
+            joint_weights=frozen(np.zeros(self._torques)),
+            closest_c=numbers[6 : 6 + 3 * k].reshape((k, 3)),
+            closest_torsion=numbers[6 + 3 * k :],
+            residual=numbers[:6],
+            at_friction=active[:k],
+            at_least=active[k : 2 * k],
+            at_most=active[2 * k : 3 * k],
+            at_torque=(),
+            crossed=frozen(np.zeros(k, np.bool_)),
+        )

@@ -22,6 +22,8 @@ class Separable {
 public:
     virtual ~Separable() = default;
     virtual Code solve(const Problem& problem, double* x, double* y, int& steps) = 0;
+    // The forces that leave the least of the balance, and multipliers that prove it; see `core::closest`.
+    virtual Code closest(const Problem& problem, double* x, double* y, int& steps) = 0;
 };
 
 template <class K>
@@ -31,6 +33,7 @@ public:
         method_.dual.blocks = memory_.part<Block<K>>(blocks_);
         method_.dual.count = blocks_;
         method_.costs = memory_.part<Cost<K>>(blocks_);
+        best_ = memory_.part<Vector>(blocks_ * K::D);
         for (int i = 0; i < blocks_; ++i) {
             method_.dual.blocks[i].blank();
             for (int j = 0; j < K::D; ++j) {
@@ -41,24 +44,25 @@ public:
     }
 
     Code solve(const Problem& problem, double* x, double* y, int& steps) override {
-        const int k = problem.k;
-        double least = infinity;
-        for (int i = 0; i < blocks_; ++i)
-            for (Vector& one : method_.dual.blocks[i].x) one = 0.0;  // also of lanes without a contact
-        for (int i = 0; i < k; ++i) least = min(least, lay_out(problem, i));
-        for (int r = 0; r < K::M; ++r) {
-            method_.dual.b[r] = r < problem.m ? problem.b[r] : 0.0;
-            method_.dual.y[r] = 0.0;
-        }
+        const double least = lay_out(problem);
         method_.powers = problem.powers.count;
         for (int a = 0; a < problem.powers.count; ++a) {
             method_.coefficients[a] = problem.powers.coefficients[a];
             method_.exponents[a] = problem.powers.exponents[a];
         }
         const Code code = minimise(method_, least, steps);
-        for (int i = 0; i < k; ++i)
-            for (int j = 0; j < K::D; ++j) x[j * k + i] = in_lane(method_.dual.blocks[i / width].x[j], i % width);
-        for (int r = 0; r < problem.m; ++r) y[r] = method_.dual.y[r];
+        take(problem, x, y);
+        return code;
+    }
+
+    Code closest(const Problem& problem, double* x, double* y, int& steps) override {
+        lay_out(problem);
+        for (int i = 0; i < blocks_; ++i) {
+            for (Vector& one : method_.dual.blocks[i].w) one = 1.0;
+            method_.dual.blocks[i].weigh();
+        }
+        const Code code = core::closest(method_.dual, best_, Newton<K, double>::most_steps, steps);
+        take(problem, x, y);
         return code;
     }
 
@@ -66,6 +70,27 @@ private:
     int blocks_;
     Memory memory_;
     Newton<K, double> method_;
+    Vector* best_;
+
+    // All contacts and the balance; returns the least entry of P.
+    double lay_out(const Problem& problem) {
+        double least = infinity;
+        for (int i = 0; i < blocks_; ++i)
+            for (Vector& one : method_.dual.blocks[i].x) one = 0.0;  // also of lanes without a contact
+        for (int i = 0; i < problem.k; ++i) least = min(least, lay_out(problem, i));
+        for (int r = 0; r < K::M; ++r) {
+            method_.dual.b[r] = r < problem.m ? problem.b[r] : 0.0;
+            method_.dual.y[r] = 0.0;
+        }
+        return least;
+    }
+
+    void take(const Problem& problem, double* x, double* y) const {
+        const int k = problem.k;
+        for (int i = 0; i < k; ++i)
+            for (int j = 0; j < K::D; ++j) x[j * k + i] = in_lane(method_.dual.blocks[i / width].x[j], i % width);
+        for (int r = 0; r < problem.m; ++r) y[r] = method_.dual.y[r];
+    }
 
     // Contact i in its lane; returns the least entry of its P.
     double lay_out(const Problem& problem, int i) {
@@ -285,19 +310,9 @@ public:
     Outcome solve(bool newton, const double* least, const double* greatest, const double* terms, int t,
                   const double* load, const Record& record) {
         Outcome out;
-        double square = 0.0, b[6];
-        for (int r = 0; r < m_; ++r) {
-            b[r] = r < 3 ? -load[r] : -load[r] / setup_.arm;
-            square += b[r] * b[r];
-        }
-        double scale = std::sqrt(square);
-        for (int i = 0; i < k_ && square == 0.0; ++i) scale = max(scale, least[i]);
-        for (int i = 0; i < k_; ++i) {
-            lo_[i] = least[i] / scale;
-            hi_[i] = greatest[i] / scale;
-            if (!(hi_[i] - lo_[i] > 1e-9 * hi_[i])) return out;
-        }
-        for (int r = 0; r < m_; ++r) b[r] /= scale;
+        double b[6];
+        const double scale = scale_load(load, least, greatest, b);
+        if (scale == 0.0) return out;
         double unit = 0.5 * setup_.largest * scale * scale;
         for (int a = 0; a < t; ++a) unit = max(unit, terms[2 * a] * std::pow(scale, terms[2 * a + 1]));
         if (!(unit > 0.0)) unit = 1.0;
@@ -318,6 +333,27 @@ public:
         return out;
     }
 
+    // What any admissible forces leave of the balance at least [N], along the direction (m), a unit vector; 0: not
+    // proven. The record holds the closest forces, and the limits that the proof pushes them against.
+    double prove(const double* least, const double* greatest, const double* load, const Record& record,
+                 double* direction) {
+        double b[6], square = 0.0, worst = 0.0;
+        const double scale = scale_load(load, least, greatest, b);
+        if (scale == 0.0 || separable_ == nullptr) return 0.0;
+        scale_to(scale, 1.0);
+        const Problem problem = this->problem(b, lo_, hi_, R_lo_, R_hi_, P_, q_);
+        int steps = 0;
+        if (separable_->closest(problem, x_, y_, steps) != Code::infeasible) return 0.0;
+        for (int r = 0; r < m_; ++r) square += y_[r] * y_[r];
+        for (int r = 0; r < m_; ++r) direction[r] = y_[r] /= std::sqrt(square);
+        const double margin = excluded(problem, y_);
+        if (!(margin > proven)) return 0.0;
+        violation(problem, worst);
+        write_forces(scale, load, record);
+        write_pushed(problem, record);
+        return margin * scale;
+    }
+
 private:
     // Relative to the load or the largest F_n: answers that miss limits by more fail.
     static constexpr double sharp = 1e-9;
@@ -330,6 +366,25 @@ private:
     std::unique_ptr<Separable> separable_;
     const double* B_;
     double *P_, *q_, *x_, *lo_, *hi_, *gauge_, *R_lo_, *R_hi_, *y_, residual_[6] = {};
+
+    // The balance's right-hand side b and the limits of F_n over the scale, which is returned [N]; 0: limits that leave
+    // no room.
+    double scale_load(const double* load, const double* least, const double* greatest, double* b) {
+        double square = 0.0;
+        for (int r = 0; r < m_; ++r) {
+            b[r] = r < 3 ? -load[r] : -load[r] / setup_.arm;
+            square += b[r] * b[r];
+        }
+        double scale = std::sqrt(square);
+        for (int i = 0; i < k_ && square == 0.0; ++i) scale = max(scale, least[i]);
+        for (int i = 0; i < k_; ++i) {
+            lo_[i] = least[i] / scale;
+            hi_[i] = greatest[i] / scale;
+            if (!(hi_[i] - lo_[i] > 1e-9 * hi_[i])) return 0.0;
+        }
+        for (int r = 0; r < m_; ++r) b[r] /= scale;
+        return scale;
+    }
 
     // Objective and torque rows over these.
     void scale_to(double scale, double unit) {
@@ -400,6 +455,27 @@ private:
             for (int c = 0; c < 3; ++c) record.wrench[3 + c] += record.torsion[i] * setup_.normals[3 * i + c];
             for (int r = 0; r < 6; ++r)
                 for (int c = 0; c < 3; ++c) record.wrench[r] += setup_.grasp_matrix[(r * k_ + i) * 3 + c] * f[c];
+        }
+    }
+
+    // Which limits multipliers y push forces x against; gauges are those of x.
+    void write_pushed(const Problem& problem, const Record& record) const {
+        constexpr double near = 1e-5, slipping = 1e-3;
+        const int n = d_ * k_, e = d_ - 1;
+        for (int i = 0; i < k_; i += width) {
+            Vector g[4];
+            for (int j = 0; j < d_; ++j) {
+                g[j] = 0.0;
+                for (int r = 0; r < m_; ++r) g[j] = g[j] + Vector(y_[r]) * next_of(B_ + r * n + j * k_ + i, k_ - i);
+            }
+            const Vector pulls = support(problem.friction, g), slope = g[e] - pulls;
+            for (int l = 0; l < width && i + l < k_; ++l) {
+                const int at = i + l;
+                const double F = x_[e * k_ + at], s = in_lane(slope, l);
+                record.at_friction[at] = in_lane(pulls, l) > near && F > 0.0 && gauge_[at] >= F * (1.0 - slipping);
+                record.at_least[at] = s > near && lo_[at] + near * (1.0 + lo_[at]) >= F;
+                record.at_most[at] = s < -near && hi_[at] - near * (1.0 + hi_[at]) <= F;
+            }
         }
     }
 
