@@ -82,7 +82,7 @@ struct Counts {
     long long at[4] = {};
 };
 Counts ticks{"ticks"}, answers{"answers"}, solved{"solves"}, batched{"problems of batches"}, boxes{"boxes"};
-long long refused = 0, compared = 0, borderline = 0, certified = 0, proofs = 0;
+long long refused = 0, compared = 0, borderline = 0, certified = 0, proofs = 0, proven_loads = 0;
 unsigned long long input = 0;  // its seed
 std::string place;             // what is being done
 
@@ -871,6 +871,28 @@ struct Case {
     }
 };
 
+// The proof that no forces hold the load, and the closest ones, in newtons.
+void prove_case(Case& own, const Record& record) {
+    const Grasp& grasp = own.grasp;
+    const int k = grasp.k;
+    double direction[6] = {};
+    const double margin = without_memory("Forces::prove", [&] {
+        return own.forces->prove(grasp.low.data(), grasp.high.data(), grasp.load.data(), record, direction);
+    });
+    if (!(margin > 0.0) || own.own_facets || grasp.kind == Kind::garbage || grasp.kind == Kind::degenerate) return;
+    ++proven_loads;
+    const double length = norm(direction, grasp.rows());
+    if (!(std::fabs(length - 1.0) < 1e-9)) fail("a proof along a direction of length %g", length);
+    double most = size_of(grasp);
+    for (int i = 0; i < k; ++i) most = std::max(most, record.forces[3 * i + 2]);
+    // No admissible forces leave less, and these are the closest: they leave no more, either.
+    const double rest = left_over(grasp, record.forces, record.torsion), rounding = 1e-7 * most;
+    if (!(rest >= margin - rounding)) fail("%.9g N are left over where %.9g are proven", rest, margin);
+    if (!(rest <= margin + rounding)) fail("the closest forces leave %.9g N, %.9g are proven", rest, margin);
+    if (own.edges <= 4)
+        check_limits(grasp, record.forces, record.torsion, grasp.low.data(), grasp.high.data(), 1e-8 * most);
+}
+
 // In newtons, from load to record.
 void solve_case(Bytes& bytes, Case& own) {
     const Grasp& grasp = own.grasp;
@@ -891,7 +913,10 @@ void solve_case(Bytes& bytes, Case& own) {
     tolerance.violation = 1e-8;
     tolerance.negligible = 1e-5;
     const Certificate sure(found, tolerance);
-    if (!sure.optimal) return;
+    if (!sure.optimal) {
+        prove_case(own, record);
+        return;
+    }
     ++certified;
     for (double one : {sure.objective, sure.lower_bound, sure.residual_norm, sure.violation, sure.load_size,
                        sure.force_size, sure.objective_size})
@@ -1197,8 +1222,8 @@ int main(int count, char** arguments) {
         std::printf("%-20s converged %lld, infeasible %lld, stalled %lld, unusable %lld\n", one->name, one->at[0],
                     one->at[2], one->at[1], one->at[3]);
     std::printf("%-20s %lld\n", "set-ups refused", refused);
-    std::printf("%-20s %lld; proofs %lld; compared %lld, too near to tell %lld\n", "certified", certified, proofs,
-                compared, borderline);
+    std::printf("%-20s %lld; proofs %lld, of loads %lld; compared %lld, too near to tell %lld\n", "certified", certified,
+                proofs, proven_loads, compared, borderline);
     return 0;
 }
 #endif

@@ -212,7 +212,7 @@ private:
 
     void begin(Mask which) {
         method_.model(which, weight_);
-        method_.dual.begin();
+        method_.dual.begin(which);
     }
 
     // Lanes whose balance holds: their next pass, or the end.

@@ -191,16 +191,20 @@ public:
     S b[K::M], y[K::M];  // right-hand side of the balance, multipliers
     double give = 0.0;   // > 0: the balance may be missed at a cost of |A x - b|^2 / (2 give)
 
-    // Slopes and forces at y.
-    PINOGRASP_INLINE void begin() {
+    // Slopes and forces at y, of these lanes: the others', which their steps have added up, differ by rounding.
+    PINOGRASP_INLINE void begin(Truth which) {
         for (int i = 0; i < count; ++i) {
             Block<K>& at = blocks[i];
-            at.columns_along(y, at.s);
+            Vector s[K::D], x[K::D], norm = at.norm;
+            at.columns_along(y, s);
             for (int j = 0; j < K::D; ++j) {
-                at.s[j] = at.s[j] + at.q[j];
-                at.v[j] = 0.0;  // of the last problem, it could be no number
+                at.s[j] = select(which, s[j] + at.q[j], at.s[j]);
+                at.v[j] = select(which, Vector(0.0), at.v[j]);  // of the last problem, it could be no number
+                x[j] = at.x[j];
             }
             at.forces_at(Vector(0.0));
+            for (int j = 0; j < K::D; ++j) at.x[j] = select(which, at.x[j], x[j]);
+            at.norm = select(which, at.norm, norm);
         }
     }
 

@@ -94,7 +94,7 @@ struct Newton {
 // Maximise the dual of one problem from its y, in at most `most` steps, until the balance holds to `tolerance`.
 template <class K>
 Code ascend(Dual<K, double>& dual, double tolerance, int most, int& steps) {
-    dual.begin();
+    dual.begin(true);
     for (int it = 0; it < most; ++it, ++steps) {
         if (dual.residual() <= tolerance) return Code::converged;
         const auto found = dual.step(true, it % 8 == 7);  // slow: does y itself diverge?
