@@ -11,7 +11,7 @@ stiff) on contacts a fifth, once and 20 times as stiff as planned. Four rules gi
   which fingertips still have 10 mm to go: squeeze as far beyond the touch as the fingers were open before it;
 - ``contact``: q_touch + J^T f / kp, the planned forces on the posture of touch, without gravity and depth.
 
-Told by the plan: whether friction and limits hold and the equilibrium is stable with these servos on these contacts
+Told by the plan, where it is ``ok``: whether friction and limits hold and the equilibrium is stable with these servos on these contacts
 (``plan.force_band``, ``plan.object_stiffness``), and the band of every link's normal force over the three stiffnesses.
 Simulated by MuJoCo with the simulation's own contact law: whether the object is held, and the forces at the end. Writes
 servos.csv beside this file, and prints how often what was told holds came to be held, and how often forces lay in the
@@ -33,7 +33,7 @@ from tqdm import tqdm
 
 import pinograsp as pg
 from pinograsp.contacts import fingertips
-from pinograsp.errors import PinograspError
+from pinograsp.errors import PinograspError, Status
 from pinograsp.hands import servo_gains
 from pinograsp.planner import plan_best
 from pinograsp.simulation.settings import Disturbance, Servo
@@ -139,7 +139,7 @@ def rows(hand_name: str, shape: str, seed: int) -> list[dict]:
                         "rule": rule,
                         "gain": gain,
                         "factor": factor,
-                        "told": bool(band.holds[i] and stable),
+                        "told": bool(plan.status is Status.OK and band.holds[i] and stable),
                         "held": bool(seen.verdict.held),
                         "off": listed(np.maximum(off, 0.0)),
                         "planned_N": listed(of @ plan.forces.normal_forces),
