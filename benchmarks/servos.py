@@ -11,8 +11,9 @@ stiff) on contacts a fifth, once and 20 times as stiff as planned. Four rules gi
   which fingertips still have 10 mm to go: squeeze as far beyond the touch as the fingers were open before it;
 - ``contact``: q_touch + J^T f / kp, the planned forces on the posture of touch, without gravity and depth.
 
-Told by the plan, where it is ``ok``: whether friction and limits hold and the equilibrium is stable with these servos on these contacts
-(``plan.force_band``, ``plan.object_stiffness``), and the band of every link's normal force over the three stiffnesses.
+Told by the plan, where it is ``ok``: whether friction and limits hold and the equilibrium is stable with these servos
+on these contacts (``plan.force_band``, ``plan.object_stiffness``), and the band of every link's normal force over the
+three stiffnesses.
 Simulated by MuJoCo with the simulation's own contact law: whether the object is held, and the forces at the end. Writes
 servos.csv beside this file, and prints how often what was told holds came to be held, and how often forces lay in the
 band.
