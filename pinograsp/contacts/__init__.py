@@ -2,12 +2,10 @@
 
 from pinograsp.contacts.clearance import (
     PALM,
-    NearPoint,
     check_geometry,
     clearance,
     fingertips,
     link_centre,
-    near_points,
 )
 from pinograsp.contacts.closing import close_hand
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
@@ -38,7 +36,6 @@ __all__ = [
     "MarhefkaOrin",
     "Measure",
     "MeasuredCompliance",
-    "NearPoint",
     "PenetrationProfile",
     "PostureContacts",
     "Touch",
@@ -51,7 +48,6 @@ __all__ = [
     "hertz",
     "law_of",
     "link_centre",
-    "near_points",
     "open_and_closed",
     "touching",
 ]

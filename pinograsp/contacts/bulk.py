@@ -245,14 +245,7 @@ class BulkScene:
         return _Touching(rows, failed, self.hand.n)
 
     def _gap(self, part: int, pose: coal.Transform3s, solid: int, here: coal.Transform3s) -> float:
-        """The signed distance of a part's hull from a convex part of the object [m]."""
-        distances, gap = self.distances, -np.inf
-        for request in (distances.request, distances.plain):  # at its finest tolerance coal fails on some overlaps
-            distances.result.clear()
-            gap = coal.distance(self.parts[part].hull, pose, self.solids[solid], here, request, distances.result)
-            if -_FAILED < gap < _FAILED:
-                break
-        return gap
+        return self.distances.measure(self.parts[part].hull, pose, self.solids[solid], here)
 
     def _measure(
         self, part: int, pose: coal.Transform3s, solid: int, here: coal.Transform3s

@@ -28,7 +28,6 @@ _OFF = 1e-4  # [m] largest error of coal's depth of an overlap
 _CLEAR = 1e-4  # [m] where the hull is farther off than this, the part's own distance is not needed
 _TILT = 1e-3  # [rad] tilt that separates the corners of a flat contact
 _MOST_SHAPES = 500
-_NO_PLANE = 1e9  # [m] per unit of the way: what no part moves by
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3))).T  # of a box (3, 8)
 HOLLOW = 1e-3  # [m] between a link and its convex hull: worth a caution
 _POINT = coal.Sphere(1e-7)
@@ -56,20 +55,11 @@ class HandPart:
     @property
     def reach(self) -> Array:
         """Bound of the speed of any of its points per unit rate of each actuated joint (n,)."""
-        return self._rates[0]
-
-    @property
-    def turning(self) -> Array:
-        """Bound of its angular speed per unit rate of each actuated joint (n,); 0 for those that slide."""
-        return self._rates[1]
-
-    @property
-    def sliding(self) -> Array:
-        """What of ``reach`` is of joints that slide (n,)."""
-        return self._rates[2]
+        return self.rates[0]
 
     @cached_property
-    def _rates(self) -> tuple[Array, Array, Array]:
+    def rates(self) -> tuple[Array, Array, Array]:
+        """``reach``, bounds of its angular speed (n,), 0 for joints that slide, and what of ``reach`` these make."""
         hand, model = self.hand, self.hand.model
         reach = float(np.linalg.norm(self.centre)) + self.radius
         speeds, turning, sliding = np.zeros((3, hand.n))
@@ -181,10 +171,25 @@ class Distances:
         return Gap(gap, point, np.array(self.result.normal), convex and gap > 0.0)
 
     def _between(self, part: HandPart, geometry: coal.CollisionGeometry, shape: coal.CollisionGeometry) -> float:
-        self.result.clear()
-        distance: float = coal.distance(geometry, self.locate(part), shape, self.pose, self.request, self.result)
+        distance = self.measure(geometry, self.locate(part), shape, self.pose)
         # Where coal fails the shapes themselves are asked.
         return distance if _CLEAR < distance < _FAILED else -np.inf
+
+    def measure(
+        self,
+        geometry: coal.CollisionGeometry,
+        pose: coal.Transform3s,
+        shape: coal.CollisionGeometry,
+        object_pose: coal.Transform3s,
+    ) -> float:
+        """Signed distance of two shapes [m]: at a coarser tolerance where coal fails at its finest."""
+        distance = -np.inf
+        for request in (self.request, self.plain):
+            self.result.clear()
+            distance = coal.distance(geometry, pose, shape, object_pose, request, self.result)
+            if -_FAILED < distance < _FAILED:
+                break
+        return distance
 
     def at(
         self, part: HandPart, object_pose: coal.Transform3s, geometry: coal.CollisionGeometry, least: float = -np.inf
@@ -273,79 +278,6 @@ class Distances:
                 corners.append(corner)
         # The point itself lies anywhere on a flat area: its corners describe it.
         return np.array(corners[1:] if len(corners) > 2 else corners)
-
-
-class Approach:
-    """When parts of a hand can touch an object first, on a way at constant joint rates from one posture to the next.
-
-    No part's distance shrinks faster than its fastest point moves. Where a plane parts it from the object, its distance
-    from that plane counts: what its points' speeds across the plane take of it, and no more than their change of speed
-    besides, which the rates bound (|a| <= turning (speed + sliding), the Coriolis term counted twice).
-
-    Attributes:
-        times: on the way (p,), before which a part comes no nearer than ``touch`` [m]; infinity for what does not move.
-        stops: where to look at it next (p,): then, or when it has moved by ``creep`` [m].
-        speed: bound of each part's (p,) [m per unit of the way].
-    """
-
-    def __init__(self, parts: Sequence[HandPart], touch: float, creep: float):
-        self.joints, self.touch, self.creep = [part.joint for part in parts], touch, creep
-        self._reach, self._turning, self._sliding = (
-            np.array([getattr(part, name) for part in parts]) for name in ("reach", "turning", "sliding")
-        )
-        self._corners = np.array([part.corners for part in parts])  # (p, 8, 3)
-        # Where a part was looked at: its distance, by which its plane's shrinks at first, and how that can change.
-        count = len(parts)
-        self._gaps, self._since, self._rate = np.full(count, -np.inf), np.zeros(count), np.full(count, _NO_PLANE)
-        self.times, self.stops, self.speed, self._bend = np.zeros((4, count))
-
-    def depart(self, at: float, rate: Array) -> None:
-        """Go on at ``at`` with joint rates (n,); planes are found again where parts are looked at."""
-        self._gaps, self._since[:], self._rate[:] = self.room(at), at, _NO_PLANE
-        rates = np.abs(rate)
-        self.speed = self._reach @ rates
-        self._bend = (self._turning @ rates) * (self.speed + self._sliding @ rates)
-        self.times, self.stops = (
-            at + np.divide(room, self.speed, out=np.full(len(room), np.inf), where=self.speed > 0)
-            for room in (np.maximum(self._gaps - self.touch, least) for least in (0.0, self.creep))
-        )
-
-    def room(self, at: float) -> Array:
-        """Least distances (p,) [m] at ``at``."""
-        way = at - self._since
-        room: Array = self._gaps - np.minimum(self.speed * way, (self._rate + 0.5 * self._bend * way) * way)
-        return room
-
-    def due(self, at: float) -> list[int]:
-        """Parts that can touch at ``at``, or a micrometre later."""
-        soon = self.times <= at + 1e-6 / np.maximum(self.speed, 1e-9)  # where nothing moves the time is infinite
-        return [int(i) for i in np.flatnonzero(soon)]
-
-    def note(self, i: int, gap: Gap, at: float, data: pin.Data) -> None:
-        """What part i's distance is at ``at``; ``data``: with the joints' velocities there."""
-        self._gaps[i], self._since[i], self._rate[i] = gap.distance, at, _NO_PLANE
-        speed = float(self.speed[i])
-        if speed == 0.0:
-            return
-        room = gap.distance - self.touch
-        wait = max(room, 0.0) / speed
-        if gap.parted and room > 0.0:
-            # n . (v + omega x r) = n . v + (n x omega) . r, largest at a corner of its box.
-            joint = self.joints[i]
-            twist = data.v[joint].vector.tolist()
-            x, y, z = (gap.normal @ data.oMi[joint].rotation).tolist()
-            a, b, c = twist[3:]
-            across = float((self._corners[i] @ (y * c - z * b, z * a - x * c, x * b - y * a)).max())
-            rate = self._rate[i] = x * twist[0] + y * twist[1] + z * twist[2] + across
-            bend = float(self._bend[i])
-            root = math.sqrt(rate * rate + 2.0 * bend * room)
-            if rate > 0.0:
-                wait = max(wait, 2.0 * room / (rate + root))
-            elif bend > 0.0:
-                wait = max(wait, (root - rate) / bend)
-            else:
-                wait = math.inf
-        self.times[i], self.stops[i] = at + wait, at + max(wait, self.creep / speed)
 
 
 def check_geometry(hand: HandModel) -> None:
@@ -466,34 +398,3 @@ def behind_hulls(hand: HandModel, contacts: ContactSet) -> Array:
                 distances.append(coal.distance(own, pose, _POINT, point, request, result))
         gaps[i] = max(0.0, min(distances, default=0.0))
     return gaps
-
-
-class NearPoint(NamedTuple):
-    """The point of a finger that is nearest to an object.
-
-    Attributes:
-        gap: its signed distance [m].
-        point_o: in the world (3,) [m].
-        joint: Pinocchio's index of the joint that carries it.
-    """
-
-    gap: float
-    point_o: Array
-    joint: int
-
-
-def near_points(hand: HandModel, body: Body, q: ArrayLike) -> dict[str, NearPoint]:
-    """The point of each finger at q (n,) that is nearest to ``body``, and of the palm as ``"palm"``."""
-    check_geometry(hand)
-    distances = Distances(hand, instance_of("body", body, Body))
-    distances.put(array_of("q", q, (hand.n,)))
-    names = {
-        joint: (finger.name, link) for finger in hand.fingers for joint, link in zip(finger.joint_ids, finger.links)
-    }
-    near: dict[str, NearPoint] = {}
-    for part in (HandPart(hand, one, names) for one in hand.geometry.geometryObjects):
-        if part.finger not in near or distances.rough(part) < near[part.finger].gap:
-            gap, point = distances.of(part)
-            if part.finger not in near or gap < near[part.finger].gap:
-                near[part.finger] = NearPoint(gap, point, part.joint)
-    return near

@@ -21,7 +21,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, flag, frozen, instance_of, items_of, mapping_of, number, read_only
-from pinograsp.contacts.clearance import PALM, Approach, Distances, HandPart, check_geometry, parts_of
+from pinograsp.contacts.advance import Approach
+from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
 from pinograsp.contacts.pushing import is_jammed, make_way
 from pinograsp.contacts.self_collision import SelfCollisions

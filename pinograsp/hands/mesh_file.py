@@ -8,6 +8,7 @@ import logging
 import re
 import struct
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -160,6 +161,18 @@ def triangles_of(model: coal.BVHModelOBBRSS) -> tuple[Array, IntArray]:
     corners = (model.tri_indices(i) for i in range(model.num_tris))
     faces = np.array([(one[0], one[1], one[2]) for one in corners], dtype=np.int64).reshape(-1, 3)
     return np.array(model.vertices()), faces
+
+
+def pack_shapes(shapes: Iterable[Any]) -> tuple[Any, ...]:
+    """Shapes to be pickled: meshes as triangles, for coal writes down their trees as well, a hundred times as much."""
+    import coal
+
+    return tuple(triangles_of(one) if isinstance(one, coal.BVHModelOBBRSS) else one for one in shapes)
+
+
+def unpack_shapes(packed: Iterable[Any]) -> tuple[Any, ...]:
+    """The shapes that :func:`pack_shapes` packed."""
+    return tuple(collision_model(*one) if isinstance(one, tuple) else one for one in packed)
 
 
 # -- what small files can blow up to -----------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ from pinograsp.hands.drives import (
 )
 from pinograsp.hands.geometry import Shape
 from pinograsp.hands.hand_lines import beyond_effort, describe_hand
-from pinograsp.hands.mesh_file import collision_model, triangles_of
+from pinograsp.hands.mesh_file import pack_shapes, unpack_shapes
 from pinograsp.hands.unit_checks import ON_LIMITS, limit_notes
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, BoolArray, IntArray, pose_of
@@ -145,10 +145,8 @@ class HandModel:
         return self.describe()
 
     def __reduce__(self) -> tuple[Callable[..., HandModel], tuple[object, ...]]:
-        # Coal writes down the tree of a mesh as well, a hundred times what it is made of.
-        own = tuple(triangles_of(one) if isinstance(one, coal.BVHModelOBBRSS) else one for one in self.own_shapes)
-        values = {field.name: getattr(self, field.name) for field in fields(self)} | {"own_shapes": own}
-        return _unpickle, tuple(values.values())
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return _unpickle, tuple((values | {"own_shapes": pack_shapes(self.own_shapes)}).values())
 
     @property
     def n(self) -> int:
@@ -394,9 +392,8 @@ class HandModel:
 
 
 def _unpickle(*values: Any) -> HandModel:
-    known = dict(zip((field.name for field in fields(HandModel)), values))
-    own = tuple(collision_model(*one) if isinstance(one, tuple) else one for one in known["own_shapes"])
-    hand = HandModel(**known | {"own_shapes": own})
+    known = {field.name: value for field, value in zip(fields(HandModel), values)}
+    hand = HandModel(**known | {"own_shapes": unpack_shapes(known["own_shapes"])})
     joints = hand.model.joints
     coupled = [j for j in range(1, hand.model.njoints) if not joints[j].nv]
     if coupled:  # mimic joints lose their size on the way (Pinocchio 4.1), and crash when they are used

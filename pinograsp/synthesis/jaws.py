@@ -2,22 +2,46 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.contacts import (
-    PALM,
-    Closure,
-    NearPoint,
-    close_hand,
-    near_points,
-)
+from pinograsp.contacts import PALM, Closure, close_hand
+from pinograsp.contacts.clearance import Distances, parts_of
 from pinograsp.errors import PinograspError
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
 _CENTRINGS, _CHEAP, _RATHER = 8, 100.0, 3.0  # closings that centre jaws; they rather close on, or move, than turn
+
+
+class NearPoint(NamedTuple):
+    """The point of a finger that is nearest to an object.
+
+    Attributes:
+        gap: its signed distance [m].
+        point_o: in the world (3,) [m].
+        joint: Pinocchio's index of the joint that carries it.
+    """
+
+    gap: float
+    point_o: Array
+    joint: int
+
+
+def near_points(hand: HandModel, body: Body, q: Array) -> dict[str, NearPoint]:
+    """The point of each finger at q (n,) that is nearest to ``body``, and of the palm as ``"palm"``."""
+    distances = Distances(hand, body)
+    distances.put(q)
+    near: dict[str, NearPoint] = {}
+    for part in parts_of(hand):
+        if part.finger not in near or distances.rough(part) < near[part.finger].gap:
+            gap, point = distances.of(part)
+            if part.finger not in near or gap < near[part.finger].gap:
+                near[part.finger] = NearPoint(gap, point, part.joint)
+    return near
 
 
 def cannot_stop_alone(hand: HandModel) -> bool:

@@ -1,0 +1,85 @@
+"""How far a hand can go on a way without touching an object: bounds of conservative advancement."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.contacts.clearance import Gap, HandPart
+from pinograsp.spatial import Array
+
+_NO_PLANE = 1e9  # [m] per unit of the way: what no part moves by
+
+
+class Approach:
+    """When parts of a hand can touch an object first, on a way at constant joint rates from one posture to the next.
+
+    No part's distance shrinks faster than its fastest point moves. Where a plane parts it from the object, its distance
+    from that plane counts: what its points' speeds across the plane take of it, and no more than their change of speed
+    besides, which the rates bound (|a| <= turning (speed + sliding), the Coriolis term counted twice).
+
+    Attributes:
+        times: on the way (p,), before which a part comes no nearer than ``touch`` [m]; infinity for what does not move.
+        stops: where to look at it next (p,): then, or when it has moved by ``creep`` [m].
+        speed: bound of each part's (p,) [m per unit of the way].
+    """
+
+    def __init__(self, parts: Sequence[HandPart], touch: float, creep: float):
+        self.joints, self.touch, self.creep = [part.joint for part in parts], touch, creep
+        self._reach, self._turning, self._sliding = (np.array(own) for own in zip(*(part.rates for part in parts)))
+        self._corners = np.array([part.corners for part in parts])  # (p, 8, 3)
+        # Where a part was looked at: its distance, by which its plane's shrinks at first, and how that can change.
+        count = len(parts)
+        self._gaps, self._since, self._rate = np.full(count, -np.inf), np.zeros(count), np.full(count, _NO_PLANE)
+        self.times, self.stops, self.speed, self._bend = np.zeros((4, count))
+
+    def depart(self, at: float, rate: Array) -> None:
+        """Go on at ``at`` with joint rates (n,); planes are found again where parts are looked at."""
+        self._gaps, self._since[:], self._rate[:] = self.room(at), at, _NO_PLANE
+        rates = np.abs(rate)
+        self.speed = self._reach @ rates
+        self._bend = (self._turning @ rates) * (self.speed + self._sliding @ rates)
+        self.times, self.stops = (
+            at + np.divide(room, self.speed, out=np.full(len(room), np.inf), where=self.speed > 0)
+            for room in (np.maximum(self._gaps - self.touch, least) for least in (0.0, self.creep))
+        )
+
+    def room(self, at: float) -> Array:
+        """Least distances (p,) [m] at ``at``."""
+        way = at - self._since
+        room: Array = self._gaps - np.minimum(self.speed * way, (self._rate + 0.5 * self._bend * way) * way)
+        return room
+
+    def due(self, at: float) -> list[int]:
+        """Parts that can touch at ``at``, or a micrometre later."""
+        soon = self.times <= at + 1e-6 / np.maximum(self.speed, 1e-9)  # where nothing moves the time is infinite
+        return [int(i) for i in np.flatnonzero(soon)]
+
+    def note(self, i: int, gap: Gap, at: float, data: pin.Data) -> None:
+        """What part i's distance is at ``at``; ``data``: with the joints' velocities there."""
+        self._gaps[i], self._since[i], self._rate[i] = gap.distance, at, _NO_PLANE
+        speed = float(self.speed[i])
+        if speed == 0.0:
+            return
+        room = gap.distance - self.touch
+        wait = max(room, 0.0) / speed
+        if gap.parted and room > 0.0:
+            # n . (v + omega x r) = n . v + (n x omega) . r, largest at a corner of its box.
+            joint = self.joints[i]
+            twist = data.v[joint].vector.tolist()
+            x, y, z = (gap.normal @ data.oMi[joint].rotation).tolist()
+            a, b, c = twist[3:]
+            across = float((self._corners[i] @ (y * c - z * b, z * a - x * c, x * b - y * a)).max())
+            rate = self._rate[i] = x * twist[0] + y * twist[1] + z * twist[2] + across
+            bend = float(self._bend[i])
+            root = math.sqrt(rate * rate + 2.0 * bend * room)
+            if rate > 0.0:
+                wait = max(wait, 2.0 * room / (rate + root))
+            elif bend > 0.0:
+                wait = max(wait, (root - rate) / bend)
+            else:
+                wait = math.inf
+        self.times[i], self.stops[i] = at + wait, at + max(wait, self.creep / speed)
