@@ -25,7 +25,7 @@ import pinograsp as pg
 from pinograsp.forces import optimize_grasp
 from pinograsp.motion import MotionSpec, plan_motion, surfaces
 from pinograsp.plan import Motion
-from pinograsp.planner import plan_best, planning
+from pinograsp.planner import plan_best, rounds
 
 HERE = Path(__file__).resolve().parent
 PAIRS = (
@@ -46,7 +46,7 @@ def last_motion(plan: Callable[[], object]) -> Callable[[], Motion]:
         calls.append(lambda: plan_motion(*values, **options))
         return plan_motion(*values, **options)
 
-    with patch.object(planning, "plan_motion", noted):
+    with patch.object(rounds, "plan_motion", noted):
         plan()
     return calls[-1]
 
