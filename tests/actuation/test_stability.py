@@ -182,12 +182,12 @@ class Fingers:
         """Of the ends (k, 6, n), world axes, by differences of fourth order."""
         found = np.zeros((len(self.ends), 6, 3 * len(self.ends)))
         for j in range(found.shape[2]):
-            parts = [self.placed(q + s * STEP * np.eye(len(q))[j]) for s in (-2, -1, 1, 2)]
+            parts = [self.place(q + s * STEP * np.eye(len(q))[j]) for s in (-2, -1, 1, 2)]
             turned, moved = (
                 (a - 8 * b + 8 * c - d) / (12 * STEP) for a, b, c, d in (tuple(one[i] for one in parts) for i in (0, 1))
             )
             found[:, :3, j] = moved
-            spin = turned @ self.placed(q)[0].transpose(0, 2, 1)
+            spin = turned @ self.place(q)[0].transpose(0, 2, 1)
             found[:, 3:, j] = np.column_stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]])
         return found
 
