@@ -79,8 +79,7 @@ def test_plan_paper_as_a_newcomer_types_it(tmp_path):
     for expected in ("impact time t_I", "Does it hold?  Barely", "thumb 11.71 N", "runs/paper/report.html"):
         assert expected in done.stdout
     report = (tmp_path / "runs" / "paper" / "report.md").read_text()
-    for expected in ("Comparison with the paper", "9.873", "55.90"):
-        assert expected in report and expected not in done.stdout
+    assert "11.71" in report and "Comparison with the paper" not in report  # --compare asks for that
     assert "Traceback" not in done.stderr
     assert int(done.stdout.rsplit("peak", 1)[1]) < 300_000  # KiB
     names = {path.name for path in (tmp_path / "runs" / "paper").iterdir()}

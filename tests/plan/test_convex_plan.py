@@ -121,7 +121,7 @@ def test_infeasible_plan_says_why(hand, make_problem):
 @pytest.mark.usefixtures("no_rendering")
 def test_command_finds_the_certified_optimum(command, tmp_path):
     code, out, err = command(
-        "plan", "paper", "--search", "convex", "--set", "friction.safety=1", "--measure", "work", "--json"
+        "plan", "paper", "--search", "convex", "--set", "friction.safety=1", "--measure", "work", "--json", "--compare"
     )
     document = json.loads(out)
     assert code == 0 and err == "" and document["status"] == "ok"
