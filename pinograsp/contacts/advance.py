@@ -28,7 +28,7 @@ class Approach:
     """
 
     def __init__(self, parts: Sequence[HandPart], touch: float, creep: float):
-        self.joints, self.touch, self.creep = [part.joint for part in parts], touch, creep
+        self._joints, self._touch, self._creep = [part.joint for part in parts], touch, creep
         self._reach, self._turning, self._sliding = (np.array(own) for own in zip(*(part.rates for part in parts)))
         self._corners = np.array([part.corners for part in parts])  # (p, 8, 3)
         # Where a part was looked at: its distance, by which its plane's shrinks at first, and how that can change.
@@ -44,7 +44,7 @@ class Approach:
         self._bend = (self._turning @ rates) * (self.speed + self._sliding @ rates)
         self.times, self.stops = (
             at + np.divide(room, self.speed, out=np.full(len(room), np.inf), where=self.speed > 0)
-            for room in (np.maximum(self._gaps - self.touch, least) for least in (0.0, self.creep))
+            for room in (np.maximum(self._gaps - self._touch, least) for least in (0.0, self._creep))
         )
 
     def room(self, at: float) -> Array:
@@ -64,11 +64,11 @@ class Approach:
         speed = float(self.speed[i])
         if speed == 0.0:
             return
-        room = gap.distance - self.touch
+        room = gap.distance - self._touch
         wait = max(room, 0.0) / speed
         if gap.parted and room > 0.0:
             # n . (v + omega x r) = n . v + (n x omega) . r, largest at a corner of its box.
-            joint = self.joints[i]
+            joint = self._joints[i]
             twist = data.v[joint].vector.tolist()
             x, y, z = (gap.normal @ data.oMi[joint].rotation).tolist()
             a, b, c = twist[3:]
@@ -82,4 +82,4 @@ class Approach:
                 wait = max(wait, (root - rate) / bend)
             else:
                 wait = math.inf
-        self.times[i], self.stops[i] = at + wait, at + max(wait, self.creep / speed)
+        self.times[i], self.stops[i] = at + wait, at + max(wait, self._creep / speed)

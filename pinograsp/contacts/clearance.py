@@ -156,9 +156,9 @@ class Distances:
 
     def bound(self, part: HandPart) -> Gap:
         """As :meth:`of`; where the convex hulls are clear of each other, their distance and no point."""
-        if part.hull is not part.geometry or self.hull is not self.shape:
-            gap = self._between(part, part.hull, self.hull)
-            if gap > _CLEAR:
+        if self.hull is not self.shape:
+            gap = self.measure(part.hull, self.locate(part), self.hull, self.pose)
+            if _CLEAR < gap < _FAILED:  # where coal fails the shape itself is asked
                 return Gap(gap, None, np.array(self.result.normal), True)
         least = -np.inf
         if part.hull is not part.geometry:
@@ -169,11 +169,6 @@ class Distances:
         gap, point = self.at(part, self.pose, part.geometry, least)
         convex = part.hull is part.geometry and self.hull is self.shape
         return Gap(gap, point, np.array(self.result.normal), convex and gap > 0.0)
-
-    def _between(self, part: HandPart, geometry: coal.CollisionGeometry, shape: coal.CollisionGeometry) -> float:
-        distance = self.measure(geometry, self.locate(part), shape, self.pose)
-        # Where coal fails the shapes themselves are asked.
-        return distance if _CLEAR < distance < _FAILED else -np.inf
 
     def measure(
         self,

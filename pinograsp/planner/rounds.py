@@ -194,7 +194,7 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
     searched, posture = problem, problem.contacts.posture
     together = None if posture is None else pressing_together(hand, problem.contacts, posture)
     while True:
-        of, freely = searched, search_reserve(searched, reserve, objective=options.objective, start=start)
+        solved, freely = searched, search_reserve(searched, reserve, objective=options.objective, start=start)
         tried += freely.tried
         refuse_no_squeeze(freely, searched, reserve, options.objective)
         squeeze = freely
@@ -215,7 +215,7 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
         searched, start, rounds = replace(problem, torques=limits), squeeze.impact_time, rounds + 1
         if rounds > ROUNDS.torques:
             break
-    least = _least_of_any_hand(freely, of, reserve, options)
+    least = _least_of_any_hand(freely, solved, reserve, options)
     watch.stop("forces")
     for _ in range(ROUNDS.coming):
         coming = _search_as_they_come(hand, searched, options, reserve, squeeze, motion)

@@ -126,7 +126,7 @@ def hold(
     """Forces that hold a closed hand's object, as a grasp; and the outcome in words.
 
     ``quick``: to compare many, with the squeeze of the certification where that is good enough, which may press harder
-    than the least that withstands the reserve; with one, quality and load factor are left out, as 0.
+    than the least that withstands the reserve; where a squeeze does, quality and load factor are left out, as 0.
     """
     instance_of("closure", closure, Closure)
     instance_of("conditions", conditions, GraspConditions)
@@ -144,7 +144,7 @@ def hold(
     if conditions.reserve is not None:
         squeeze = _squeeze(closure, problem, conditions.reserve, quick)
     borne = forces.normal_forces if squeeze is None else squeeze
-    bare = quick and squeeze is not None
+    bare = quick and conditions.reserve is not None and squeeze is not None  # its squeeze alone ranks it
     return "holds", FoundGrasp(
         pose=closure.hand.pose,
         closure=closure,

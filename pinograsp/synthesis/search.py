@@ -272,8 +272,9 @@ class _Run:
                 yield from self._results_elsewhere(case, work[i:])
                 return
             started = time.perf_counter()
-            yield _raised(_try(case, batch, size))
+            result = _try(case, batch, size)
             self.spent, self.done = self.spent + time.perf_counter() - started, self.done + 1
+            yield _unwrap(result)
 
     def _pays(self, batches: int) -> bool:
         """Whether other processes, which take a while to start, are done with so many batches before this one is."""
@@ -288,7 +289,7 @@ class _Run:
         task, self.started = _in_a_file(case, path), True
         calls = ((task, batch, size) for batch, size in work)
         with parallel_results(_try, calls, self.jobs, return_as="generator") as results:
-            yield from map(_raised, results)
+            yield from map(_unwrap, results)
 
 
 def _remarks(hand: HandModel) -> tuple[str, ...]:
@@ -333,7 +334,7 @@ def _region(within: ArrayLike, body: Body) -> Region:
 def _in_a_file(case: SearchCase, path: Path) -> str:
     """Write the case to a file, for other processes; its name."""
     try:
-        content = cloudpickle.dumps(replace(case, rough=case.hand))
+        content = cloudpickle.dumps(replace(case, rough=case.hand))  # hulls are found again there
     except (pickle.PicklingError, TypeError, AttributeError) as error:
         raise InvalidInput(
             f"find_grasps: hand, object or conditions cannot go to other processes ({error}): use jobs=1"
@@ -357,7 +358,7 @@ def _try(case: SearchCase | str, seed: np.random.SeedSequence, size: int) -> Bat
         return _plain(error)
 
 
-def _raised(batch: Batch | Exception) -> Batch:
+def _unwrap(batch: Batch | Exception) -> Batch:
     if isinstance(batch, Exception):
         raise batch
     return batch

@@ -33,11 +33,11 @@ class NotebookFigure(Figure):
 
     def savefig(self, *args: Any, **options: Any) -> None:
         """As Matplotlib's, laid out once: with a layout engine Matplotlib draws every figure twice."""
-        engine, dpi = self.get_layout_engine(), self.dpi
+        engine, dpi, asked = self.get_layout_engine(), self.dpi, options.get("dpi")
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", category=UserWarning)
             if engine is not None:
-                self.set_dpi(options.get("dpi", dpi))  # text is not quite as wide at another one
+                self.set_dpi(asked if isinstance(asked, int | float) else dpi)  # text is not quite as wide at another
                 engine.execute(self)
                 self.set_layout_engine("none")
             try:

@@ -170,6 +170,18 @@ def test_preshapes_oppose():
         assert np.all(best.opened >= hand.lower - 1e-9) and np.all(best.closed <= hand.upper + 1e-9)
 
 
+def test_without_a_reserve_samples_are_ranked_by_what_they_withstand(allegro, ball):
+    """Quickly looked at, too: their squeezes say nothing there."""
+    from pinograsp.synthesis.found import hold
+
+    closure = find_grasps(allegro, ball, count=4, seed=3, jobs=1, **SETTINGS).best.closure
+    bare = replace(CONDITIONS, reserve=None)
+    (_, quick), (_, whole) = (hold(closure, bare, quick=quick) for quick in (True, False))
+    assert quick.quality > 0.0 and quick.worth == whole.worth
+    (_, quick), (_, whole) = (hold(closure, CONDITIONS, quick=quick) for quick in (True, False))
+    assert quick.sound == whole.sound and quick.squeeze >= 0.9 * whole.squeeze
+
+
 @pytest.fixture
 def at_once(monkeypatch):
     """Other processes take part from the second batch on, however long they take to start."""
