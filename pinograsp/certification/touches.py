@@ -14,7 +14,7 @@ from pinograsp.contacts.bulk import BulkContacts
 from pinograsp.contacts.support import CORNERS
 from pinograsp.motion.producible import HARDLY
 from pinograsp.objects.body import tangents
-from pinograsp.spatial import Array, BoolArray, IntArray
+from pinograsp.spatial import Array, BoolArray, IntArray, cross
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
@@ -68,7 +68,7 @@ class PostureTouches:
         moves[..., setup.idle] = 0.0
         arms = (self.points_o - setup.body.com_o) * self.used[..., None]
         arm = np.sqrt(np.einsum("nkx,nkx->n", arms, arms) / np.maximum(self.counts, 1))
-        turned = np.cross(arms, normals) / np.maximum(arm, HARDLY)[:, None, None]
+        turned = cross(arms, normals) / np.maximum(arm, HARDLY)[:, None, None]
         return moves, np.concatenate([normals, turned], axis=2)
 
 

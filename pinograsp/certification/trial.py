@@ -12,7 +12,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.handover.quintic import between
 from pinograsp.motion import effort_of, torque_limits
 from pinograsp.simulation.task import Task
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, cross
 
 _OPEN = 5e-3  # [m] of the surface that links start
 _LEAST = 1e-2  # weight of a change of posture [rad] against depths in units of the lever
@@ -47,7 +47,7 @@ def make_trial(certificates: Certificates, i: int) -> Task:
     depths = law.depth(np.maximum(normal, 0.0))
     body = certificates.object
     arms = certificates.points_o[i, :count] - body.com_o
-    shifts = -np.column_stack([normals, np.cross(arms, normals)])
+    shifts = -np.column_stack([normals, cross(arms, normals)])
     deeper = certificates.gaps[i, :count] + depths
     pressed, shift = _moved_by(rates, shifts, deeper, q, hand.lower, hand.upper)
     opened, _ = _moved_by(rates, shifts * 0.0, np.full(count, -_OPEN), pressed, hand.lower, hand.upper)

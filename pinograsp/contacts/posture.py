@@ -19,7 +19,7 @@ from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, cross
 
 _TOUCH = 1e-7  # [m] a gap that counts as touching
 _SETTLED = 1e-6  # [m] largest gap that ends the settling
@@ -186,7 +186,7 @@ class _Posture:
         model, data = self.hand.model, self.distances.data
         J = pin.getJointJacobian(model, data, one.part.joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, self.hand.n)
         arm = one.point - data.oMi[one.part.joint].translation
-        rate: Array = one.normal @ J[:3] + np.cross(arm, one.normal) @ J[3:]
+        rate: Array = one.normal @ J[:3] + cross(arm, one.normal) @ J[3:]
         return rate
 
     def touch(self, one: Near) -> Touch:

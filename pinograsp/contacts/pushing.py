@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from pinograsp.contacts.clearance import Distances, HandPart
 from pinograsp.objects.body import Body, tangents
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, cross
 
 _RATHER_MOVED = 3.0  # a turn costs this times as much as a move as far as its rim goes: pushed, an object slides first
 _BALANCED = 1e-3  # of the pressing forces: what may be left of them where the object jams
@@ -32,7 +32,7 @@ def is_jammed(distances: Distances, parts: Sequence[HandPart], gaps: Array, fric
             across = tangents(normal[None])[0]
             for turn in np.arange(8) * np.pi / 4:
                 force = normal + friction * across @ (np.cos(turn), np.sin(turn))
-                edges.append([*force, *np.cross(point - distances.body.com_o, force) / arm, 1.0])
+                edges.append([*force, *cross(point - distances.body.com_o, force) / arm, 1.0])
     if len(fingers) < 2:
         return False
     _, left = nnls(np.array(edges).T, np.eye(7)[6])
@@ -65,7 +65,7 @@ def make_way(
             if point is not None:
                 # It asks for room along the line of least distance: an object's edge leaves a jaw's face along
                 # the face's normal, which the object's own surface does not have there.
-                row = np.hstack([found.normal, np.cross(point - body.com_o, found.normal) / arm])
+                row = np.hstack([found.normal, cross(point - body.com_o, found.normal) / arm])
                 rows, sides = np.vstack([rows, row]), np.append(sides, 0.5 * room - gaps[i] + row @ motion)
         if not (gaps < 0.0).any():
             return body, gaps

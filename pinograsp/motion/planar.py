@@ -19,7 +19,7 @@ import pinocchio as pin
 from pinograsp.contacts import Contact
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import Finger, HandModel
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, cross
 
 REACHED = 1e-9  # [m] every posture must put its contact points back this close by forward kinematics
 _STRAIGHT = 1e-9  # [m, -] how exactly a finger must be planar for the closed form to hold
@@ -93,7 +93,7 @@ def planar_finger(hand: HandModel, finger: Finger) -> PlanarFinger | None:
     offsets = np.concatenate([points, tip[None]]) - points[0]
     if not (parallel.all() and abs(z0 @ flexion) < _STRAIGHT and np.abs(offsets @ flexion).max() < _STRAIGHT):
         return None
-    x0 = np.cross(z0, flexion)
+    x0 = cross(z0, flexion)
     plane = [complex(p @ x0, p @ z0) for p in offsets[1:]]
     return PlanarFinger(
         origin=points[0],
@@ -114,7 +114,7 @@ def closed_form(
         Joint angles (n_f,) and contact points (c, 3) in the links' frames of each.
     """
     offsets = np.array([contact.point_o for contact in contacts]) - planar.origin
-    y0 = np.cross(planar.z0, planar.x0)
+    y0 = cross(planar.z0, planar.x0)
     first = offsets[0]
     radius = math.hypot(first @ planar.x0, first @ y0)
     if radius < _STRAIGHT:  # on the abduction axis: any angle will do
@@ -126,7 +126,7 @@ def closed_form(
     angles, points = [], []
     for q1 in bases:
         x1 = math.cos(q1) * planar.x0 + math.sin(q1) * y0
-        across = np.cross(x1, planar.z0)
+        across = cross(x1, planar.z0)
         if np.abs(offsets @ across).max() > REACHED / 2:
             continue  # the other contact points are not in this flexion plane
         targets = [complex(p @ x1, p @ planar.z0) for p in offsets]

@@ -16,7 +16,7 @@ from pinograsp.hands import HandModel
 from pinograsp.motion.contact_springs import Servos, describe_object_motion
 from pinograsp.motion.jacobian import point_jacobians
 from pinograsp.motion.rounds import PRESS
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, cross
 
 # Contact points must follow their path to this [m]; a thousandth of a typical penetration.
 TRACKED = 1e-6
@@ -70,7 +70,7 @@ class PressSolver:
         pin.forwardKinematics(hand.model, self.data, self.posture)
         self.points_l = [self.data.oMi[j].actInv(p) for j, p in zip(self.joints, self.origins)]
         arms = self.origins - contacts.com_o
-        self.shifts = np.column_stack([self.normals, np.cross(arms, self.normals)])
+        self.shifts = np.column_stack([self.normals, cross(arms, self.normals)])
         # Rigid motions of the object by the displacements of its contacts that they cause.
         arm = max(1e-3, float(np.sqrt((arms**2).sum(axis=1).mean())))
         self.motion = describe_object_motion(self.problem)

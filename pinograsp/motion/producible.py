@@ -17,7 +17,7 @@ from pinograsp.checks import array_of, brief, instance_of
 from pinograsp.contacts import ContactSet
 from pinograsp.hands import HandModel
 from pinograsp.motion.jacobian import contact_jacobians
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, cross
 
 HARDLY = 1e-4  # [m] per radian: what moves contacts less than this does not move them
 # Singular values below these count as zero, of unit columns for the joints, and for the object of its motion in metres
@@ -58,7 +58,7 @@ def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> Pr
     moves[:, np.setdiff1d(np.arange(hand.n), pressing)] = 0.0
     moves[:, np.abs(moves).max(axis=0) < HARDLY] = 0.0
     arms = np.array([contact.point_o for contact in contacts]) - contacts.com_o
-    shifts = np.column_stack([normals, np.cross(arms, normals)])
+    shifts = np.column_stack([normals, cross(arms, normals)])
     arm = max(HARDLY, float(np.sqrt((arms**2).sum(axis=1).mean())))
     # Unit columns of the joints, whose units do not matter; 0 for those that hardly move a contact.
     sizes = np.linalg.norm(moves, axis=0)

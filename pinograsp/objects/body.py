@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, items_of, number, placement_of, read_only, shorten
 from pinograsp.errors import InvalidInput
-from pinograsp.spatial import Array, BoolArray, moments_problem
+from pinograsp.spatial import Array, BoolArray, cross, moments_problem
 
 if TYPE_CHECKING:
     import coal
@@ -293,6 +293,6 @@ def _checked_inertia(name: str, value: object, most: float) -> Array:
 def tangents(normals: Array) -> Array:
     """Two orthonormal directions (k, 3, 2) across each unit normal (k, 3)."""
     aside = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    first: Array = np.cross(normals, aside)
+    first: Array = cross(normals, aside)
     first /= np.linalg.norm(first, axis=1)[:, None]
-    return np.stack([first, np.cross(normals, first)], axis=2)
+    return np.stack([first, cross(normals, first)], axis=2)

@@ -126,7 +126,8 @@ def hold(
     """Forces that hold a closed hand's object, as a grasp; and the outcome in words.
 
     ``quick``: to compare many, with the squeeze of the certification where that is good enough, which may press harder
-    than the least that withstands the reserve; where a squeeze does, quality and load factor are left out, as 0.
+    than the least that withstands the reserve, and of which it is not asked whether the hand can press its contacts
+    together so; where a squeeze does, quality and load factor are left out, as 0.
     """
     instance_of("closure", closure, Closure)
     instance_of("conditions", conditions, GraspConditions)
@@ -176,15 +177,15 @@ def _quality(problem: ForceProblem, reserve: Reserve | None) -> float:
 def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve, quick: bool) -> Array | None:
     """Normal forces (k,) of a squeeze that withstands the reserve; None: there is none."""
     contacts = problem.contacts
-    rows = np.zeros((0, problem.k))
-    if contacts.posture is not None:
-        rows = pressing_together(closure.hand, contacts, contacts.posture).rows
-    if quick and not len(rows) and _is_plain(problem):
+    if quick and _is_plain(problem):
         normal, effort = _squeeze_quickly(problem, reserve)
         if effort <= 1.0:
             return normal
         if effort > _HARDER:
             return None
+    rows = np.zeros((0, problem.k))
+    if contacts.posture is not None:
+        rows = pressing_together(closure.hand, contacts, contacts.posture).rows
     return least_squeeze(problem, reserve, rows=rows)
 
 

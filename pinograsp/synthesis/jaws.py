@@ -12,7 +12,7 @@ from pinograsp.contacts.clearance import Distances, parts_of
 from pinograsp.errors import PinograspError
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, cross
 
 _CENTRINGS, _CHEAP, _RATHER = 8, 100.0, 3.0  # closings that centre jaws; they rather close on, or move, than turn
 
@@ -88,9 +88,9 @@ def _even_out(hand: HandModel, body: Body, q: Array, way: Array, pressing: list[
         J = np.zeros((6, hand.n))
         if one.joint:
             J = pin.getJointJacobian(hand.model, data, one.joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, hand.n)
-        speed = J[:3] @ way + np.cross(J[3:] @ way, point - data.oMi[one.joint].translation)
+        speed = J[:3] @ way + cross(J[3:] @ way, point - data.oMi[one.joint].translation)
         closing.append(normal @ speed)
-    turning = np.cross(points - body.com_o, normals) / (_RATHER * arm)
+    turning = cross(points - body.com_o, normals) / (_RATHER * arm)
     rows = np.column_stack([normals, turning, _CHEAP * np.array(closing)])
     motion = np.linalg.lstsq(rows, np.array([one.gap for one in pressing]), rcond=1e-9)[0]
     size = float(np.linalg.norm(motion[:3]))

@@ -19,7 +19,7 @@ from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_points
 from pinograsp.objects.body import tangents
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, cross
 
 _ROOM = 0.08  # of its range that a turning joint keeps from its stop: approaches swing back a little before they close
 _SHARES = np.linspace(0.1, 1.0, 13)  # of the way from open to closed, at which fingertips are looked at
@@ -80,10 +80,8 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60, u
             if not collisions.between(tips.middle, opened):
                 break
         ahead = tips.ahead(rng) if uneven else np.zeros(hand.n)
-        for share in _SHARES:
-            one = tips.preshape(opened, closed, opened + np.clip(share + ahead, 0.0, 1.0) * (closed - opened))
-            if one is not None:
-                found.append(one)
+        met = opened + np.clip(_SHARES[:, None] + ahead, 0.0, 1.0) * (closed - opened)
+        found += [one for one in tips.preshapes(opened, closed, met) if one is not None]
     return sorted(found, key=lambda one: one.imbalance)
 
 
@@ -133,6 +131,7 @@ class _Tips:
         self.low, self.high = (np.where(stays, hand.resting, end) for end in (low + room, high - room))
         self.middle = np.clip(hand.resting, self.low, self.high)
         self.fingers = [(finger.joint_ids[-1], finger.dofs) for finger in hand.fingers]
+        self.own = np.array([np.isin(np.arange(hand.n), dofs) for _, dofs in self.fingers])  # joints of each (f, n)
         self.points = {j: _distal(_points(hand, j)) for j, _ in self.fingers}
         first = [finger.joint_ids[0] for finger in hand.fingers]
         self._put(self.middle)
@@ -149,7 +148,7 @@ class _Tips:
     def _jacobian(self, joint: int, point: Array) -> Array:
         """Of a point (3,) carried by a joint (3, n), world axes."""
         J = pin.getJointJacobian(self.hand.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, self.hand.n)
-        moved: Array = J[:3] + np.cross(J[3:].T, point - self.data.oMi[joint].translation).T
+        moved: Array = J[:3] + cross(J[3:].T, point - self.data.oMi[joint].translation).T
         return moved
 
     def _flexion(self) -> np.ndarray:
@@ -211,25 +210,37 @@ class _Tips:
 
     def preshape(self, opened: Array, closed: Array, met: Array) -> Preshape | None:
         """The preshape whose fingertips meet at a posture (n,) on the way; None where none of them move."""
-        self._put(met)
-        points, closing = [], []
-        for joint, dofs in self.fingers:
-            pose, rate = self.data.oMi[joint], np.zeros(self.hand.n)
-            rate[dofs] = (closed - opened)[dofs]
-            centre = pose.act(self.points[joint].mean(axis=0))
-            speed = self._jacobian(joint, centre) @ rate
-            size = float(np.linalg.norm(speed))
-            if size < 1e-9:
-                continue
-            world = self.points[joint] @ pose.rotation.T + pose.translation
-            points.append(_ahead(world, speed / size))
-            closing.append(speed / size)
-        if not points:
+        return self.preshapes(opened, closed, met[None])[0]
+
+    def preshapes(self, opened: Array, closed: Array, met: Array) -> list[Preshape | None]:
+        """Those whose fingertips meet at postures (m, n) on the way, as :meth:`preshape`."""
+        m, f, model = len(met), len(self.fingers), self.hand.model
+        R, origins, J = np.empty((m, f, 3, 3)), np.empty((m, f, 3)), np.empty((m, f, 6, self.hand.n))
+        for i, q in enumerate(met):
+            self._put(q)
+            for k, (joint, _) in enumerate(self.fingers):
+                pose = self.data.oMi[joint]
+                R[i, k], origins[i, k] = pose.rotation, pose.translation
+                columns = pin.getJointJacobian(model, self.data, joint, pin.LOCAL_WORLD_ALIGNED)
+                J[i, k] = columns.reshape(6, -1)  # of one joint it is flat
+        twists = np.einsum("mkin,kn->mki", J, self.own * (closed - opened))
+        at, along = np.empty((2, *origins.shape))
+        for k, (joint, _) in enumerate(self.fingers):
+            points, turn = self.points[joint], R[:, k]
+            along[:, k] = twists[:, k, :3] + cross(twists[:, k, 3:], turn @ points.mean(axis=0))
+            ahead = _ahead(points, np.einsum("mij,mi->mj", turn, along[:, k]))
+            at[:, k] = origins[:, k] + np.einsum("mij,mj->mi", turn, ahead)
+        sizes = np.linalg.norm(along, axis=2)
+        moving, along = sizes >= 1e-9, along / np.maximum(sizes, 1e-9)[..., None]
+        return [self._meet(opened, closed, q, at[i, moving[i]], along[i, moving[i]]) for i, q in enumerate(met)]
+
+    def _meet(self, opened: Array, closed: Array, met: Array, at: Array, along: Array) -> Preshape | None:
+        """The preshape whose fingertips are at points (f, 3) and move along directions (f, 3) at the posture (n,)."""
+        if not len(at):
             return None
-        if len(points) == 1:  # the palm holds against a single finger
-            points.append(fingertips(self.hand, self.data)[1])
-            closing.append(-closing[0])
-        at, along = np.array(points), np.array(closing)
+        if len(at) == 1:  # the palm holds against a single finger
+            self._put(met)
+            at, along = np.vstack([at, fingertips(self.hand, self.data)[1]]), np.vstack([along, -along])
         pressing, imbalance = balance(at, along)
         lead = int(np.argmax(pressing))
         others = pressing.copy()
@@ -247,7 +258,7 @@ class _Tips:
         out = centre - self.base
         depth, out = float(np.linalg.norm(out)), out - axis * (axis @ out)
         if np.linalg.norm(out) < 1e-6:
-            out = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+            out = cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         turn = self.oMh.rotation.T
         return Preshape(
             opened=opened,
@@ -273,18 +284,19 @@ def balance(at: Array, along: Array) -> tuple[Array, float]:
     turn = np.arange(_EDGES) * 2 * np.pi / _EDGES
     lean = across @ np.stack([np.cos(turn), np.sin(turn)]) * np.tan(_LEAN)  # (f, 3, edges)
     forces = np.concatenate([along[:, None], along[:, None] + lean.transpose(0, 2, 1)], axis=1)
-    moments = np.cross(arms[:, None], forces) / arm
+    moments = cross(arms[:, None], forces) / arm
     rows = np.concatenate([forces, moments], axis=2).reshape(-1, 6).T
     weights, _ = nnls(np.vstack([rows, np.full(rows.shape[1], 1e2)]), np.append(np.zeros(6), 1e2))
     shares = weights.reshape(len(at), -1).sum(axis=1)
     return shares / shares.sum(), float(np.linalg.norm(rows @ weights))
 
 
-def _ahead(points: Array, direction: Array) -> Array:
-    """The mean (3,) of the points (p, 3) that lie farthest along a direction."""
-    along = points @ direction
-    ahead: Array = points[along >= along.max() - 1e-3].mean(axis=0)
-    return ahead
+def _ahead(points: Array, directions: Array) -> Array:
+    """The means (m, 3) of the points (p, 3) that lie farthest along directions (m, 3) of any length."""
+    along = directions @ points.T / np.maximum(np.linalg.norm(directions, axis=1), 1e-9)[:, None]
+    ahead = along >= along.max(axis=1, keepdims=True) - 1e-3
+    means: Array = ahead @ points / ahead.sum(axis=1)[:, None]
+    return means
 
 
 def _distal(points: Array) -> Array:

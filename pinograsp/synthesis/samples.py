@@ -19,7 +19,7 @@ from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hulls
 from pinograsp.objects.body import Body, tangents
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, cross
 from pinograsp.synthesis.found import FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centre_on
 from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refine
@@ -35,6 +35,7 @@ _BACKWARDS = 6  # steps that take an open hand back from an object that it overl
 _BALANCED = 0.15  # imbalance of preshapes that are used, where there are enough of them
 _ENOUGH = 24  # of them
 _NEAREST = 12  # preshapes nearest in width to a pair, of which one is taken
+_EXACT = 3  # samples of a batch, at most, that the full program is asked about
 _DEEP = 0.6  # of the samples lie deeper than between the fingertips
 _ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
 _TRIES, _MOST_TRIES = 5, 20  # motions that are tried of the best of a batch, and as long as it is not gentle
@@ -120,35 +121,48 @@ class Posed(NamedTuple):
 def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     """Draw and close ``size`` samples, and refine the best."""
     outcomes: list[str] = []
-    best: tuple[Posed, Tried] | None = None
+    drawn: list[tuple[Posed, Tried]] = []
     for _ in range(size):
         posed = _draw(case, rng)
         if posed is None:
             outcomes.append(_BLOCKED[case.table is not None])
             continue
-        tried = _try_closing(case, posed)
-        outcomes.append(tried.outcome)
-        if best is None or tried.worth > best[1].worth:
-            best = (posed, tried)
-    if best is None:
+        drawn.append((posed, _try_closing(case, posed)))
+        outcomes.append(drawn[-1][1].outcome)
+    if not drawn:
         return Batch(outcomes, None)
-    posed, tried = best
+    ranked = [max(drawn, key=_worth)]  # each better than the one before
     for attempt in range(_MOST_TRIES):
+        posed, tried = ranked[-1]
         if attempt >= _TRIES and tried.grasp is not None and tried.grasp.gentle:
             break
         moved = _move(case, posed, rng, 1.0 - attempt % _TRIES / _TRIES)
         other = _try_closing(case, moved)
         if other.worth > tried.worth:
-            posed, tried = moved, other
-    if tried.grasp is None:
-        return Batch(outcomes, None)
-    exact = _try_closing(case, Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed), quick=False).grasp
-    if exact is None:
-        return Batch(outcomes, None)
-    forces = replace(exact.forces, problem=replace(exact.forces.problem, object=None))
+            ranked.append((moved, other))
+    return Batch(outcomes, _best_of(case, ranked))
+
+
+def _worth(sample: tuple[Posed, Tried]) -> tuple[float, ...]:
+    return sample[1].worth
+
+
+def _best_of(case: SearchCase, ranked: list[tuple[Posed, Tried]]) -> FoundGrasp | None:
+    """The last of the samples that the hand itself and the full program find as good as they seemed, else the best."""
+    best: FoundGrasp | None = None
+    for posed, tried in ranked[: -_EXACT - 1 : -1]:
+        if tried.grasp is None or (best is not None and best.sound >= tried.grasp.sound):
+            break
+        placed = Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed)
+        exact = _try_closing(case, placed, quick=False).grasp
+        if exact is not None and (best is None or exact.worth > best.worth):
+            best = exact
+    if best is None:
+        return None
+    forces = replace(best.forces, problem=replace(best.forces.problem, object=None))
     # Whoever asked for the samples has both, and puts them back.
-    closure = replace(exact.closure, hand=None, object=None)  # type: ignore[arg-type]  # meshes are heavy
-    return Batch(outcomes, replace(exact, closure=closure, forces=forces))
+    closure = replace(best.closure, hand=None, object=None)  # type: ignore[arg-type]  # meshes are heavy
+    return replace(best, closure=closure, forces=forces)
 
 
 class Tried(NamedTuple):
@@ -249,13 +263,13 @@ def _above(case: SearchCase, hand: HandModel, postures: Array) -> bool:
 def _across(axis: Array, turn: float) -> Array:
     """A frame (3, 3) whose first axis is the given one, turned about it [rad]."""
     first: Array = tangents(axis[None])[0, :, 0]
-    out: Array = np.cos(turn) * first + np.sin(turn) * np.cross(axis, first)
-    return np.column_stack([axis, np.cross(out, axis), out])
+    out: Array = np.cos(turn) * first + np.sin(turn) * cross(axis, first)
+    return np.column_stack([axis, cross(out, axis), out])
 
 
 def _across_of(shape: Preshape) -> Array:
     """The same frame of a preshape, in the hand: axis, across, out."""
-    return np.column_stack([shape.axis_h, np.cross(shape.out_h, shape.axis_h), shape.out_h])
+    return np.column_stack([shape.axis_h, cross(shape.out_h, shape.axis_h), shape.out_h])
 
 
 def _pose(rotation: Array, at: Array) -> Array:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinograsp.contacts import Friction
-from pinograsp.spatial import Array, BoolArray, IntArray
+from pinograsp.spatial import Array, BoolArray, IntArray, cross
 
 _RANK = 1e-6  # of the grasp map's singular values, squared ones below its square count as zero
 _REACHED = 1e-6  # share of a wrench that springs may leave unbalanced
@@ -122,7 +122,7 @@ def make_springs(points: Array, rotations: Array, used: BoolArray, friction: Fri
     forces[:, :, -1, :3] = rotations[..., 2]
     if d == 4:
         forces[:, :, 2, 3:] = friction.torsion * rotations[..., 2]
-    forces[..., 3:] += np.cross(points[:, :, None], forces[..., :3])
+    forces[..., 3:] += cross(points[:, :, None], forces[..., :3])
     forces *= used[:, :, None, None]
     # Moments as forces at the contacts' mean distance, so that both count alike.
     arms = np.where(used, np.linalg.norm(points, axis=2), 0.0).sum(axis=1) / np.maximum(used.sum(axis=1), 1)

@@ -12,7 +12,7 @@ from pinograsp.errors import Status
 from pinograsp.forces.bulk.elastic import Reactions, find_multiples, find_offsets, make_springs
 from pinograsp.forces.robust.reserve import Reserve
 from pinograsp.forces.solve.batch import ForceBatch, solve_batch
-from pinograsp.spatial import Array, BoolArray, IntArray
+from pinograsp.spatial import Array, BoolArray, IntArray, cross
 
 MOST_MU = 2.0  # tried
 # Shares of a step to a softer squeeze that are tried, and what rounding may miss of a wrench.
@@ -196,7 +196,7 @@ def _above(grips: Grips, holding: Holding, above: Array, floor: Array, threads: 
     """Forces under the weight whose F_n exceed what friction needs by ``above`` (N, k), and ``floor`` (N, k) [N]."""
     above = np.where(grips.used, above, 0.0)
     normals = above[..., None] * grips.rotations[..., 2]
-    loads = np.concatenate([normals.sum(axis=1), np.cross(grips.points, normals).sum(axis=1)], axis=1)
+    loads = np.concatenate([normals.sum(axis=1), cross(grips.points, normals).sum(axis=1)], axis=1)
     high = np.maximum(min(holding.cap, _UNCAPPED * holding.size) - above, 0.0)
     low = np.minimum(np.maximum(floor - above, 0.0), high)
     found = _solve(grips, holding, holding.weight + loads, low, high, threads)
