@@ -20,6 +20,7 @@ from pinograsp.forces.bulk.squeeze import (
     Grips,
     Holding,
     find_efforts,
+    find_hopeless,
     find_least_mu,
     hold_weight,
     press,
@@ -103,10 +104,13 @@ def _find(
     weak = np.flatnonzero(plain.found & ~found & ways[0].borne.all(axis=1))
     proven = np.zeros(len(rows), dtype=bool)
     if options.exact and len(weak):
-        better = _squeeze_exactly(setup, touches, rows[weak], grips.of(weak), holding)
-        forces[weak] = np.where(better.found[:, None, None], better.local, forces[weak])
-        proven[weak] = better.found
-        weak = weak[~better.found]
+        changes = ways[0].normal[weak]
+        hopeless = find_hopeless(grips.of(weak), holding, setup.reserve, setup.wrenches, changes, options.threads)
+        if len(asked := weak[~hopeless]):
+            better = _squeeze_exactly(setup, touches, rows[asked], grips.of(asked), holding)
+            forces[asked] = np.where(better.found[:, None, None], better.local, forces[asked])
+            proven[asked] = better.found
+            weak = weak[~proven[weak]]
     if len(weak):
         some = squeeze_partly(grips.of(weak), holding, setup.reserve, setup.wrenches, options.threads)
         forces[weak] = np.where(some.found[:, None, None], some.local, forces[weak])

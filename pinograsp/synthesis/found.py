@@ -29,6 +29,7 @@ from pinograsp.forces.bulk.squeeze import (
     Grips,
     Holding,
     find_efforts,
+    find_hopeless,
     squeeze as squeeze_all,
     torque_columns,
 )
@@ -197,7 +198,7 @@ def _is_plain(problem: ForceProblem) -> bool:
 
 def _squeeze_quickly(problem: ForceProblem, reserve: Reserve) -> tuple[Array, float]:
     """Normal forces (k,) of the certification's squeeze, and its largest share of a torque that may be used; without
-    forces a bit more than one.
+    forces a bit more than one, or infinity where it is proven that no squeeze does.
     """
     contacts, torques = problem.contacts, problem.torques
     wrenches = reserve.load_set(held_body(problem), problem.gravity_o).loads - problem.load
@@ -219,7 +220,8 @@ def _squeeze_quickly(problem: ForceProblem, reserve: Reserve) -> tuple[Array, fl
     wrenches = wrenches[np.abs(wrenches).max(axis=1) > 0]
     forces, (reacted, _) = squeeze_all(grips, holding, reserve, wrenches, 1)
     if not forces.found[0]:
-        return np.zeros(problem.k), _TRIED
+        hopeless = find_hopeless(grips, holding, reserve, wrenches, reacted.normal, 1)
+        return np.zeros(problem.k), np.inf if hopeless[0] else _TRIED
     if torques is None:
         return forces.local[0, :, -1], 0.0
     columns = torque_columns(torques.jacobian[None], rotations, problem.friction)

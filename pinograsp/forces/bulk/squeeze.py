@@ -171,6 +171,22 @@ def squeeze_partly(grips: Grips, holding: Holding, reserve: Reserve, wrenches: A
     return best
 
 
+def find_hopeless(
+    grips: Grips, holding: Holding, reserve: Reserve, wrenches: Array, changes: Array, threads: int | None
+) -> BoolArray:
+    """Which grasps (N,) no squeeze holds: a wrench (m, 6) added to the weight is proven to be too much for them alone.
+
+    Proven for twice the largest F_n, to which the contacts as springs add ``changes`` (N, k, m) [N].
+    """
+    n, m = len(grips.points), len(wrenches)
+    high = 2.0 * (min(holding.cap, _UNCAPPED * holding.size) + np.maximum(changes, 0.0))
+    high = np.swapaxes(high, 1, 2).reshape(n * m, -1)
+    each = grips.of(np.repeat(np.arange(n), m))
+    loads = np.tile(holding.weight + wrenches, (n, 1))
+    alone = _solve(each, holding.kept_back(reserve), loads, np.zeros_like(high), high, threads)
+    return np.asarray((alone.status == Status.INFEASIBLE).reshape(n, m).any(axis=1))
+
+
 def press(grips: Grips, holding: Holding, normal: Array, threads: int | None) -> Forces:
     """Forces under the weight with these F_n (N, k) [N]."""
     loads = np.broadcast_to(holding.weight, (len(grips.points), 6))
