@@ -168,24 +168,27 @@ def find_multiples(local: Array, reacted: Reactions, used: BoolArray, friction: 
         mu: friction coefficient.
     """
     limits = limits_of(friction, mu)
-    t, dt = (local[..., :-1] / limits)[:, :, None], np.swapaxes(reacted.tangential, 2, 3) / limits
+    t, dt = (local[..., :-1] / limits)[..., None], reacted.tangential / limits[:, None]
     F, dF = local[..., -1:], reacted.normal
-    least = np.full((*t.shape[:2], dt.shape[2]), np.inf)
+    least = np.full(dF.shape, np.inf)
     if len(friction.facets):
-        room = F[..., None] - t @ friction.facets.T
-        rate = dt @ friction.facets.T - dF[..., None]
-        least = np.where(rate > 0, np.maximum(room, 0.0) / np.maximum(rate, 1e-300), np.inf).min(axis=3)
+        room = F[..., None] - friction.facets @ t
+        rate = friction.facets @ dt - dF[:, :, None]
+        least = np.where(rate > 0, np.maximum(room, 0.0) / np.maximum(rate, 1e-300), np.inf).min(axis=2)
     if r := friction.round_dimensions:
-        least = np.minimum(least, _leaves(t[..., :r], dt[..., :r], F, dF))
+        least = np.minimum(least, _leaves(t[:, :, :r], dt[:, :, :r], F, dF))
     found: Array = np.where(used[:, :, None], least, np.inf).min(axis=1)
     return np.where(reacted.borne, found, 0.0)
 
 
 def _leaves(t: Array, dt: Array, F: Array, dF: Array) -> Array:
-    """The least s > 0 with |t + s dt| = F + s dF, infinity where there is none; |t| <= F up to rounding."""
-    a = np.einsum("...j,...j->...", dt, dt) - dF**2
-    b = np.einsum("...j,...j->...", t, dt) - F * dF
-    c = np.minimum(np.einsum("...j,...j->...", t, t) - F**2, 0.0)
+    """The least s > 0 with |t + s dt| = F + s dF, infinity where there is none; |t| <= F up to rounding.
+
+    t (N, k, r, 1), dt (N, k, r, m), F (N, k, 1), dF (N, k, m).
+    """
+    a = (dt * dt).sum(axis=2) - dF**2
+    b = (t * dt).sum(axis=2) - F * dF
+    c = np.minimum((t * t).sum(axis=2) - F**2, 0.0)
     inner = b**2 - a * c
     slope = b + np.sqrt(np.maximum(inner, 0.0))
     return np.where((inner >= 0) & (slope > 0), -c / np.maximum(slope, 1e-300), np.inf)

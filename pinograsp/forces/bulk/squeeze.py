@@ -145,10 +145,12 @@ def find_efforts(columns: Array, bias: Array, local: Array, reacted: Reactions, 
 
     ``columns`` are those of :func:`torque_columns`, ``bias`` (N, n) is the torque without contact; infinity: no limit.
     """
-    tau = bias + np.einsum("nkdj,nkd->nj", columns, local)
+    n, k, d, joints = columns.shape
+    flat = np.swapaxes(columns.reshape(n, k * d, joints), 1, 2)
+    tau = bias + (flat @ local.reshape(n, k * d, 1))[..., 0]
     change = np.concatenate([reacted.tangential, reacted.normal[:, :, None]], axis=2)
-    added = np.einsum("nkdj,nkdm->nmj", columns, change)
-    most = np.maximum(np.abs(tau[:, None] + added).max(axis=1, initial=0.0), np.abs(tau))
+    added = flat @ change.reshape(n, k * d, -1)
+    most = np.maximum(np.abs(tau[..., None] + added).max(axis=2, initial=0.0), np.abs(tau))
     return tau, (most / usable)[:, np.isfinite(usable)].max(axis=1, initial=0.0)
 
 
