@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.contacts.clearance import Gap, HandPart
+from pinograsp import core
+from pinograsp.contacts.clearance import Distances, Gap, HandPart
+from pinograsp.contacts.support import support_shape
 from pinograsp.spatial import Array
 
+_NEAR = 2e-6  # [m] from here on distances are coal's
 _NO_PLANE = 1e9  # [m] per unit of the way: what no part moves by
 
 
@@ -27,25 +31,33 @@ class Approach:
         speed: bound of each part's (p,) [m per unit of the way].
     """
 
-    def __init__(self, parts: Sequence[HandPart], touch: float, creep: float):
+    def __init__(self, distances: Distances, parts: Sequence[HandPart], touch: float, creep: float):
         self._joints, self._touch, self._creep = [part.joint for part in parts], touch, creep
         self._reach, self._turning, self._sliding = (np.array(own) for own in zip(*(part.rates for part in parts)))
         self._corners = np.array([part.corners for part in parts])  # (p, 8, 3)
         # Where a part was looked at: its distance, by which its plane's shrinks at first, and how that can change.
-        count = len(parts)
-        self._gaps, self._since, self._rate = np.full(count, -np.inf), np.zeros(count), np.full(count, _NO_PLANE)
-        self.times, self.stops, self.speed, self._bend = np.zeros((4, count))
+        self._known = np.zeros((7, len(parts)))
+        self._gaps, self._since, self._rate, self.times, self.stops, self.speed, self._bend = self._known
+        self._gaps[:], self._rate[:] = -np.inf, _NO_PLANE
+        self._pose = np.array(distances.body.shape_pose)
+        self._compiled = _compile(distances, parts, touch, creep) if core.is_installed() else None
 
     def depart(self, at: float, rate: Array) -> None:
         """Go on at ``at`` with joint rates (n,); planes are found again where parts are looked at."""
-        self._gaps, self._since[:], self._rate[:] = self.room(at), at, _NO_PLANE
+        self._gaps[:] = self.room(at)
+        self._since[:], self._rate[:] = at, _NO_PLANE
         rates = np.abs(rate)
-        self.speed = self._reach @ rates
-        self._bend = (self._turning @ rates) * (self.speed + self._sliding @ rates)
-        self.times, self.stops = (
-            at + np.divide(room, self.speed, out=np.full(len(room), np.inf), where=self.speed > 0)
-            for room in (np.maximum(self._gaps - self._touch, least) for least in (0.0, self._creep))
-        )
+        self.speed[:] = self._reach @ rates
+        self._bend[:] = (self._turning @ rates) * (self.speed + self._sliding @ rates)
+        for ends, least in ((self.times, 0.0), (self.stops, self._creep)):
+            room = np.maximum(self._gaps - self._touch, least)
+            ends[:] = at + np.divide(room, self.speed, out=np.full(len(room), np.inf), where=self.speed > 0)
+
+    def pursue(self, q: Array, rate: Array, at: float, end: float) -> float:
+        """Where the compiled core gets from q (n,) at ``at``, at joint rates (n,), as long as planes clearly part all
+        parts from the object: ``end`` at most.
+        """
+        return at if self._compiled is None else self._compiled.pursue(at, end, q, rate, self._pose, self._known)
 
     def room(self, at: float) -> Array:
         """Least distances (p,) [m] at ``at``."""
@@ -83,3 +95,22 @@ class Approach:
             else:
                 wait = math.inf
         self.times[i], self.stops[i] = at + wait, at + max(wait, self._creep / speed)
+
+
+def _compile(distances: Distances, parts: Sequence[HandPart], touch: float, creep: float) -> Any:
+    """The core's method for the same parts; those of unknown shapes it leaves to coal."""
+    compiled = core.load().Approach(touch=touch, creep=creep, near=_NEAR)
+    model, data = distances.model, distances.model.createData()
+    pin.forwardKinematics(model, data, np.zeros(model.nq), np.ones(model.nv))
+    for j in range(1, model.njoints):
+        parent = model.parents[j]
+        # What a unit of its input adds, coupled joints their ratio.
+        own = data.v[j].vector - data.liMi[j].actInv(data.v[parent]).vector
+        compiled.add_joint(parent - 1, model.joints[j].idx_v, data.liMi[j].homogeneous, own)
+    unknown = np.zeros((0, 3)), np.zeros(3)
+    for part in parts:
+        compiled.add_part(
+            part.joint - 1, part.placement.homogeneous, part.corners, *(support_shape(part.hull) or unknown)
+        )
+    compiled.put(*(support_shape(distances.hull) or unknown))
+    return compiled

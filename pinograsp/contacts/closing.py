@@ -123,7 +123,8 @@ class _Closing:
     def __init__(self, hand: HandModel, body: Body, start: Array, target: Array, palm: bool, wrap: bool):
         self.hand, self.body, self.start, self.target = hand, body, start, target
         self.parts = [part for part in parts_of(hand) if palm or part.finger != PALM]
-        self.distances, self.way = Distances(hand, body), Approach(self.parts, 0.5 * TOUCH, _CREEP)
+        self.distances = Distances(hand, body)
+        self.way = Approach(self.distances, self.parts, 0.5 * TOUCH, _CREEP)
         self.q, self.at = start.copy(), 0.0
         way = target - start
         self.tops = np.where(way > 0, hand.upper, hand.lower)
@@ -189,10 +190,13 @@ class _Closing:
                 way.depart(self.at, np.where(moving, self.rate, 0.0))
                 before = moving
             # To the nearest event that could happen: a touch, or a joint's end.
-            first = int(np.argmin(way.stops))
             ends = float(min([*self.ends[moving], *self.begins[self.free & ~moving]]))
-            touch = max(float(way.stops[first]), self.at)
-            if self.advance(min(touch, ends) - self.at) and ends <= touch:
+            rate = np.where(moving, self.rate, 0.0)
+            at = way.pursue(self.q, rate, self.at, ends)
+            self.q, self.at = self.q + (at - self.at) * rate, at
+            first = int(np.argmin(way.stops))
+            touch = max(float(way.stops[first]), at)
+            if at == ends or (self.advance(min(touch, ends) - at) and ends <= touch):
                 self.end_joints()
 
     def advance(self, step: float) -> bool:

@@ -14,37 +14,40 @@ CORNERS = 4  # of an area, at most
 _AZIMUTHS = 0.3 + np.pi / 4 * np.arange(8)  # askew, since along an edge any of its points is as near
 _WIDER = 1e-4  # [m] by which areas are enlarged, so that points and edges have an inside
 _SAME = 1e-3  # [m] corners nearer to each other are one
-_ROUND = 48  # corners of a circle
 
 
 class SupportShape(NamedTuple):
-    """A convex shape: the hull of points (v, 3), and all that is within a radius of it [m], in its own frame."""
+    """A convex shape: the hull of points (v, 3), and an ellipsoid of radii (3,) about each [m], in its own frame."""
 
     points: Array
-    radius: float
+    radii: Array
 
     def support(self, directions: Array) -> Array:
         """Its points (..., 3) that are farthest along unit vectors (..., 3)."""
-        found: Array = self.points[np.argmax(directions @ self.points.T, axis=-1)] + self.radius * directions
+        found: Array = self.points[np.argmax(directions @ self.points.T, axis=-1)]
+        if self.radii.any():
+            stretched = self.radii * directions
+            size = np.linalg.norm(stretched, axis=-1, keepdims=True)
+            found = found + self.radii * stretched / np.maximum(size, 1e-300)
         return found
 
 
 def support_shape(geometry: coal.CollisionGeometry) -> SupportShape | None:
-    """Coal's convex geometry as such a shape; None of one that is curved everywhere or of a kind unknown."""
+    """Coal's convex geometry as such a shape; None of a kind unknown."""
+    ends, none = np.array([[0, 0, 1.0], [0, 0, -1.0]]), np.zeros(3)
     if isinstance(geometry, coal.Sphere):
-        return SupportShape(np.zeros((1, 3)), geometry.radius)
+        return SupportShape(none[None], np.full(3, geometry.radius))
+    if isinstance(geometry, coal.Ellipsoid):
+        return SupportShape(none[None], np.array(geometry.radii))
     if isinstance(geometry, coal.Capsule):
-        return SupportShape(np.array([[0, 0, 1.0], [0, 0, -1.0]]) * geometry.halfLength, geometry.radius)
+        return SupportShape(ends * geometry.halfLength, np.full(3, geometry.radius))
+    if isinstance(geometry, coal.Cylinder):
+        return SupportShape(ends * geometry.halfLength, np.array([geometry.radius, geometry.radius, 0.0]))
     if isinstance(geometry, coal.Box):
         signs = np.array(np.meshgrid(*3 * [[-1.0, 1.0]])).reshape(3, -1).T
-        return SupportShape(signs * geometry.halfSide, 0.0)
-    if isinstance(geometry, coal.Cylinder):
-        turns = 2 * np.pi / _ROUND * np.arange(_ROUND)
-        ring = geometry.radius * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(_ROUND)])
-        end = np.array([0.0, 0.0, geometry.halfLength])
-        return SupportShape(np.concatenate([ring + end, ring - end]), 0.0)
+        return SupportShape(signs * geometry.halfSide, none)
     if isinstance(geometry, coal.ConvexBase):
-        return SupportShape(np.array(geometry.points(), dtype=float).reshape(-1, 3), 0.0)
+        return SupportShape(np.array(geometry.points(), dtype=float).reshape(-1, 3), none)
     return None
 
 

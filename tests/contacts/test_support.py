@@ -99,4 +99,16 @@ def test_faces_that_lean_a_little_are_apart_by_what_they_lean():
 
 
 def test_unknown_shapes_have_none():
-    assert support_shape(coal.Ellipsoid(0.01, 0.02, 0.03)) is None
+    assert support_shape(coal.Cone(0.01, 0.02)) is None
+
+
+def test_supports_are_farthest_along_their_direction():
+    """Against coal: the farthest point is where a plane across the direction touches."""
+    rng = np.random.default_rng(7)
+    for shape in (coal.Sphere(0.02), coal.Ellipsoid(0.01, 0.02, 0.03), coal.Cylinder(0.01, 0.05), coal.Box(1, 2, 3)):
+        directions = rng.normal(size=(20, 3))
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        for along, point in zip(directions, support_shape(shape).support(directions)):
+            plane, pose = coal.Halfspace(-along, -10.0), coal.Transform3s()
+            gap = coal.distance(shape, pose, plane, pose, coal.DistanceRequest(), coal.DistanceResult())
+            assert 10.0 - gap == pytest.approx(along @ point, abs=1e-9)

@@ -59,3 +59,22 @@ def test_a_multiplier_box_refuses_what_is_no_number():
         fair = {"H": np.ones((6, 4)), "eps": 1e-6, "fixed": np.zeros(6), "row": np.ones(6)}
         with pytest.raises(ValueError):
             core.load().Box(**fair | changed)
+
+
+def test_an_approach_refuses_joints_that_are_not_there_and_what_is_no_number():
+    way = core.load().Approach(touch=1e-7, creep=1e-5, near=1e-6)
+    frame, corners = np.eye(4), np.zeros((8, 3))
+    with pytest.raises(ValueError, match="margins"):
+        core.load().Approach(touch=0.0, creep=1e-5, near=1e-6)
+    with pytest.raises(ValueError, match="joint"):
+        way.add_joint(0, 0, frame, np.zeros(6))
+    with pytest.raises(ValueError, match="frame"):
+        way.add_joint(-1, 0, np.full((4, 4), np.nan), np.zeros(6))
+    with pytest.raises(ValueError, match="points"):
+        way.add_part(-1, frame, corners, np.zeros(4), np.zeros(3))
+    way.add_joint(-1, 3, frame, np.zeros(6))
+    with pytest.raises(ValueError, match="q, rate"):
+        way.pursue(0.0, 1.0, np.zeros(3), np.zeros(3), frame, np.zeros((7, 0)))
+    way.add_part(0, frame, corners, np.zeros((1, 3)), np.zeros(3))
+    with pytest.raises(ValueError, match="known"):
+        way.pursue(0.0, 1.0, np.zeros(4), np.zeros(4), frame, np.zeros((7, 2)))

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -297,6 +298,71 @@ void array_of(nb::class_<Setup>& record, const char* name, std::vector<double> S
         });
 }
 
+// -- a hand on its way to an object -----------------------------------------------------------------------------------
+
+Triple triple_of(const double* values) { return {values[0], values[1], values[2]}; }
+
+// A homogeneous placement (4, 4).
+Frame frame_of(const Numbers& values) {
+    const double* own = finite(values, 16, "frame");
+    Frame found;
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) found.R[3 * i + j] = own[4 * i + j];
+        found.t[i] = own[4 * i + 3];
+    }
+    return found;
+}
+
+// Points (n, 3), none of an unknown shape, and radii (3).
+Solid solid_of(const Numbers& points, const Numbers& radii) {
+    Solid found{{}, triple_of(finite(radii, 3, "radii"))};
+    need(points.size() % 3 == 0, "points");
+    const double* own = finite(points, points.size(), "points");
+    for (std::size_t i = 0; i < points.size(); i += 3) found.points.push_back(triple_of(own + i));
+    return found;
+}
+
+// A hand's joints and parts, and an object, added one by one.
+struct Approach {
+    Way way;
+    Margins margins;
+    std::size_t inputs = 0;
+
+    Approach(double touch, double creep, double near) : margins{touch, creep, near} {
+        for (double one : {touch, creep, near}) need_number(one, true, "margins");
+    }
+
+    int joint_of(std::int64_t joint) const {
+        need(joint >= -1 && joint < static_cast<std::int64_t>(way.joints.size()), "joint");
+        return static_cast<int>(joint);
+    }
+
+    void add_joint(std::int64_t parent, std::int64_t input, Numbers frame, Numbers screw) {
+        need(input >= 0 && input < 100000, "input");
+        const double* own = finite(screw, 6, "screw");
+        way.joints.push_back(
+            {joint_of(parent), static_cast<int>(input), frame_of(frame), triple_of(own), triple_of(own + 3)});
+        inputs = std::max(inputs, static_cast<std::size_t>(input) + 1);
+    }
+
+    void add_part(std::int64_t joint, Numbers frame, Numbers corners, Numbers points, Numbers radii) {
+        Part part{joint_of(joint), frame_of(frame), solid_of(points, radii), {}};
+        const double* own = finite(corners, 24, "corners");
+        for (std::size_t i = 0; i < 8; ++i) part.corners[i] = triple_of(own + 3 * i);
+        way.parts.push_back(std::move(part));
+    }
+
+    // `known` (7, p): the rows of `Known`.
+    double pursue(double at, double end, Numbers q, Numbers rate, Numbers object_pose, Written known) {
+        const std::size_t p = way.parts.size();
+        need(q.size() >= inputs && rate.size() == q.size(), "q, rate");
+        need(known.size() == 7 * p, "known");
+        double* row = known.data();
+        return way.pursue(at, end, finite(q, q.size(), "q"), finite(rate, rate.size(), "rate"), frame_of(object_pose),
+                          {row, row + p, row + 2 * p, row + 3 * p, row + 4 * p, row + 5 * p, row + 6 * p}, margins);
+    }
+};
+
 // The best of the modules that this processor runs.
 const char* best_level() {
 #ifdef PINOGRASP_CORE_X86_64
@@ -420,6 +486,14 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
             Box& box = nb::cast<Box&>(self);
             return view(box.k.data(), {box.k.size()}, self);
         });
+    nb::class_<Approach>(m, "Approach")
+        .def(nb::init<double, double, double>(), nb::kw_only(), "touch"_a, "creep"_a, "near"_a)
+        .def("add_joint", &Approach::add_joint, "parent"_a, "input"_a, "frame"_a, "screw"_a)
+        .def("add_part", &Approach::add_part, "joint"_a, "frame"_a, "corners"_a, "points"_a, "radii"_a)
+        .def(
+            "put", [](Approach& own, Numbers points, Numbers radii) { own.way.object = solid_of(points, radii); },
+            "points"_a, "radii"_a)
+        .def("pursue", &Approach::pursue, "at"_a, "end"_a, "q"_a, "rate"_a, "object_pose"_a, "known"_a);
     m.def("solve_batch", &batch, "start"_a, "stop"_a, nb::kw_only(), "components"_a, "round"_a, "rows"_a, "torsion"_a,
           "squares"_a, "points"_a, "rotations"_a, "counts"_a, "loads"_a, "mu"_a, "low"_a, "high"_a, "arms"_a, "terms"_a,
           "forces"_a, "moments"_a, "objective"_a, "lower_bound"_a, "residual"_a, "violation"_a, "codes"_a);

@@ -1,6 +1,7 @@
-// The force methods of pinograsp: headers alone, without dependencies.
+// The compiled methods of pinograsp: headers alone, without dependencies.
 #pragma once
 
+#include "core/approach.hpp"
 #include "core/batch.hpp"
 #include "core/forces.hpp"
 #include "core/multipliers.hpp"
