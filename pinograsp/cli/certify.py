@@ -6,13 +6,13 @@ import os
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pinograsp import defaults
 from pinograsp.cli import completion
-from pinograsp.cli.options import HandOptions, WorkerOptions, read_pairs
+from pinograsp.cli.options import HandOptions, WorkerOptions, read_pairs, tell_missing
 from pinograsp.cli.screen import RIGHT, console, list_facts, print_table, show
 from pinograsp.cli.session import OUTPUT, REQUIRED, Session, option
 from pinograsp.errors import InvalidInput, Status
@@ -127,24 +127,22 @@ def certify(
 
       pinograsp certify grasps --hand hand.xml --objects meshes --mass 1 --out all
 
-    With your data set's files in place; --back DIR writes them again, with newtons.
+    With your data set's files in place; --back DIR writes them again, with newtons. In a job array: --shard I/N.
     """
-    from pinograsp.sweep import certify_files, written_back
+    from pinograsp.sweep import certify_files, find_missing_grasps, written_back
     from pinograsp.viz.certified import certified_picture
 
     out, back = results.out, results.back
     if out.resolve() in [path.resolve() for path in (meaning.objects, back) if path is not None]:
         raise InvalidInput("--out: expected a folder of its own")
     data = meaning.read(files, described)
-    done = certify_files(
-        data,
-        out,
-        conditions.read(),
-        tolerance=conditions.tolerance,
-        drives=conditions.drives,
-        progress=session.progress,
-        **workers.settings(),
-    )
+    asked: dict[str, Any] = {"tolerance": conditions.tolerance, "drives": conditions.drives}
+    if workers.missing:
+        tell_missing(find_missing_grasps(data, out, conditions.read(), shard=workers.shard, **asked), out, session)
+    if workers.shard is not None and (back is not None or results.picture is not None):
+        raise InvalidInput("--shard: expected neither --back nor --picture, which are of all rows: run them at the end")
+    settings = asked | workers.settings()
+    done = certify_files(data, out, conditions.read(), progress=session.progress, **settings)
     written, unwritten = ([], {}) if back is None or done.interrupted else written_back(data, out, back)
     if results.picture is not None and done.rows:
         certified_picture(done.table().to_pydict(), results.picture)
@@ -153,8 +151,8 @@ def certify(
         more = {"written": [str(path) for path in written], "unwritten": unwritten}
         session.print_json({"status": str(status), "remedy": status.remedy} | done.summary() | more)
     else:
-        _print(done, written, unwritten)
-    if code := 130 if done.interrupted else 2 if done.faults else 0 if done.rows else 3:
+        _print(done, written, unwritten, "" if workers.shard is None else f" of shard {workers.shard}")
+    if code := 130 if done.interrupted else 2 if done.faults else 0 if done.rows or workers.shard is not None else 3:
         raise typer.Exit(code)
 
 
@@ -172,7 +170,7 @@ def _list_files(paths: list[Path]) -> list[Path]:
     return found
 
 
-def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> None:
+def _print(done: Certified, written: list[Path], unwritten: dict[str, str], shard: str) -> None:
     words = {str(status): status.words for status in Status if status.code >= 0}
     rows = [
         (reason, str(count), f"{100 * count / done.rows:.1f} %", words[reason])
@@ -195,7 +193,7 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str]) -> N
     holding = done.counts.get("held", 0)
     left = "; some are left: the same command continues" if done.interrupted else ""
     answers = [
-        ("What holds?", f"{holding} of {done.rows} grasps, {done.elapsed:.1f} s{left}"),
+        ("What holds?", f"{holding} of {done.rows} grasps{shard}, {done.elapsed:.1f} s{left}"),
         ("Results", f"{done.folder}, rows as Parquet files"),
         ("Next", f"in Python: pinograsp.sweep.read_certified({str(done.folder)!r})"),
     ]

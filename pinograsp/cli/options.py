@@ -7,16 +7,18 @@ import os
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
 from pinograsp import defaults
 from pinograsp.cli import completion
-from pinograsp.cli.session import OUTPUT, option
+from pinograsp.cli.screen import show
+from pinograsp.cli.session import OUTPUT, Session, option
 from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from pinograsp.sweep import Missing
     from pinograsp.writing import NewFolder
 
 _hand = partial(option, "How to read the hand")
@@ -131,13 +133,36 @@ class WorkerOptions:
         "joblib: this machine, or dask: the cluster of --scheduler.", default="joblib", choices=completion.EXECUTORS
     )
     scheduler: str | None = _work("Of a Dask scheduler, such as tcp://10.0.0.1:8786.", metavar="ADDRESS")
+    shard: str | None = _work(
+        "Do the I-th of N shares alone, beside N - 1 others that write into the same folder.", metavar="I/N"
+    )
+    missing: bool = _work(
+        "Compute nothing: say how many rows are missing, and of which shards; exit code 3 where any are.",
+        "--missing",
+        default=False,
+    )
 
     def settings(self) -> dict[str, Any]:
         """By the names of the functions that sweep."""
         from pinograsp.checks import one_of
         from pinograsp.sweep.runner import EXECUTORS
 
-        return {**asdict(self), "executor": one_of("executor", self.executor, EXECUTORS)}
+        executor = one_of("executor", self.executor, EXECUTORS)
+        return {"jobs": self.jobs, "executor": executor, "scheduler": self.scheduler, "shard": self.shard}
+
+
+def tell_missing(missing: Missing, folder: Path, session: Session) -> NoReturn:
+    """Print what a folder does not have yet, and exit: with 0 where that is nothing."""
+    from pinograsp.sweep.shards import write_numbers
+
+    if session.as_json:
+        session.print_json(missing.summary() | {"folder": str(folder)})
+    else:
+        answers = [("What is missing?", f"{missing.rows} of {missing.total} rows in {folder}")]
+        for count, numbers in missing.shards.items():
+            answers.append((f"Of {count} shards", write_numbers(numbers) or "none"))
+        show([], answers, level="no" if missing.rows else "yes")
+    raise typer.Exit(3 if missing.rows else 0)
 
 
 RunFolder = Annotated[

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import pickle
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,29 +13,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinograsp import defaults
-from pinograsp.certification import placement_hint
 from pinograsp.checks import brief, flag, instance_of, items_of, number, one_of, path_of
 from pinograsp.data import FORMATS, join_rows, read_grasps, write_grasps
 from pinograsp.errors import ExtraMissing, GraspsNotRead, InvalidInput, Status
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array
-from pinograsp.sweep.certified_rows import Prepared, blocks_of, certified_block, fault_of, object_named
-from pinograsp.sweep.certified_table import REFUSED, schema_of
+from pinograsp.sweep.certified_rows import Prepared, certified_block, fault_of, object_named, place_block
+from pinograsp.sweep.certified_store import WORK, CertifiedRows
+from pinograsp.sweep.certified_table import REFUSED, Block, Fault, RowSource, schema_of
 from pinograsp.sweep.inputs import Inputs, plain, settings_of_conditions, settings_of_hand
-from pinograsp.sweep.parts import Parts, Work, read_part, read_parts
+from pinograsp.sweep.parts import drop_doubles, read_parts
 from pinograsp.sweep.runner import Executor, Progress, Runner
+from pinograsp.sweep.shards import Missing, Shard
 from pinograsp.writing import place_of, write_errors
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 _MEANT = ("joints", "frame", "convention", "original", "palm_in_root")
-_WORK = Work("pinograsp.certified/1", "certification", "certify")
 # Labels that are written back, and the largest number that 32 bits hold.
 _WRITTEN, _MOST = ("reserve", "least_mu", "largest_load_N"), 3.4e38
-_COUNTED = ("file", "row", "reason", "message", "object", "code", "depth_m")
-_BLOCK = 512  # grasps at once: half a second of work
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,8 +42,8 @@ class Certified:
 
     Attributes:
         folder: that holds the rows.
-        rows: number of grasps in the folder, those of earlier runs included.
-        counts: number of grasps by reason, and of faults.
+        rows: number of grasps in the folder, those of earlier runs included; of a shard: that it has certified itself.
+        counts: number of these grasps by reason, and of faults.
         faults: what could not be read or used, ``{file: message}``.
         hints: objects whose grasps are nearly all misplaced, and what to look at, ``{object: hint}``.
         changed: files with rows in the folder whose content, or whose object's, has changed since: certified again.
@@ -148,6 +145,7 @@ def certify_files(
     executor: Executor = "joblib",
     scheduler: str | None = None,
     progress: bool | None = None,
+    shard: tuple[int, int] | str | None = None,
 ) -> Certified:
     """Certify the grasps of files; called again with the same arguments, it continues.
 
@@ -169,35 +167,19 @@ def certify_files(
         executor: ``"joblib"``, or ``"dask"``, whose workers need this package, and the objects at the same paths.
         scheduler: address of a Dask scheduler, such as ``"tcp://10.0.0.1:8786"``.
         progress: bar on stderr: None (on a terminal), True or False.
+        shard: certify the i-th of n shares alone, as for :func:`~pinograsp.sweep.sweep`.
 
     Raises:
         InvalidInput: options that cannot be used.
         ResultsNotWritten: the folder holds another certification, one of another version of this package, or other
-            files; it is in use, or cannot be written.
+            files; it is in use (by this shard, or by one of another n), or cannot be written.
         ExtraMissing: pyarrow (extra ``sweep``), the compiled core, h5py (``data``) or distributed (``dask``).
         PinograspError: workers were lost; completed rows are kept.
     """
     started = time.perf_counter()
-    instance_of("data", data, DataSet)
-    instance_of("conditions", conditions, GraspConditions)
-    tolerance = number("tolerance", tolerance, above=0, unit="m")
-    flag("drives", drives)
     runner = Runner(jobs=jobs, executor=executor, scheduler=scheduler, progress=progress)
-    payload = pickle.dumps(
-        Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance, bool(drives))
-    )
-    settings = {
-        "files": [str(one) for one in data.files],
-        "format": data.format,
-        "mass": data.mass,
-        "density": data.density,
-        "hand": settings_of_hand(data.hand),
-        "conditions": settings_of_conditions(conditions),
-        **{name: plain(value) for name, value in data.meant.items() if value is not None},
-        "tolerance": tolerance,
-        "drives": bool(drives),
-    }
-    with _Rows(path_of("folder", folder), settings, Inputs(data.objects)) as rows:
+    opened, payload = _open(data, folder, conditions, tolerance, drives, Shard.of(shard))
+    with opened as rows:
         interrupted = runner.run(
             certified_block,
             _work(data, rows, payload),
@@ -217,6 +199,33 @@ def certify_files(
         )
 
 
+def find_missing_grasps(
+    data: DataSet,
+    folder: str | Path,
+    conditions: GraspConditions,
+    *,
+    tolerance: float = defaults.TOUCHES,
+    drives: bool = True,
+    shard: tuple[int, int] | str | None = None,
+) -> Missing:
+    """The grasps that :func:`certify_files` would certify with these arguments; the fault of a file counts as one.
+
+    All files are read, or those of the shard. Nothing is written, and shards may be running.
+
+    Raises:
+        InvalidInput, ResultsNotWritten, ExtraMissing: as of :func:`certify_files`.
+    """
+    rows, _ = _open(data, folder, conditions, tolerance, drives, Shard.of(shard), look=True)
+    missing, deals = 0, {count: rows.deal_to(count) for count in rows.list_counts()}
+    shards: dict[int, set[int]] = {count: set() for count in deals}
+    for left in rows.list_left(data.format):
+        missing += len(left.rows)
+        for count, deal in deals.items():
+            shards[count].add(deal.number_of(left.file, left.block))
+    found = {count: tuple(sorted(numbers)) for count, numbers in shards.items()}
+    return Missing(rows=missing, total=rows.total, shards=found)
+
+
 def read_certified(folder: str | Path) -> pa.Table:
     """The rows of a certification as a ``pyarrow.Table``, by file and number; its columns are in the documentation.
 
@@ -224,13 +233,16 @@ def read_certified(folder: str | Path) -> pa.Table:
         InvalidInput: the folder holds no certification, or a damaged one.
         ExtraMissing: pyarrow (extra ``sweep``) is not installed.
     """
-    tables = read_parts(path_of("folder", folder), _WORK)
+    tables = read_parts(path_of("folder", folder), WORK)
     import pyarrow as pa
+    import pyarrow.compute as pc
 
-    if not tables:
-        empty: pa.Table = schema_of().empty_table()
-        return empty
-    return pa.concat_tables(tables).sort_by([("file", "ascending"), ("row", "ascending")])
+    table = pa.concat_tables([schema_of().empty_table(), *tables])
+    number = table["row"]
+    place = table.column_names.index("row")
+    table = table.set_column(place, "row", pc.max_element_wise(number, -1)).append_column("number", number)
+    table = table.sort_by([("file", "ascending"), ("row", "ascending"), ("number", "descending")])
+    return drop_doubles(table.drop_columns("number"), ["file", "row"])
 
 
 def written_back(data: DataSet, folder: str | Path, target: str | Path) -> tuple[list[Path], dict[str, str]]:
@@ -255,7 +267,7 @@ def written_back(data: DataSet, folder: str | Path, target: str | Path) -> tuple
     above = Path(os.path.commonpath([one.resolve().parent for one in data.files]))
     done, refused = list[Path](), dict[str, str]()
     for path in data.files:
-        own = table.filter(pc.field("file") == str(path))
+        own = table.filter((pc.field("file") == str(path)) & (pc.field("row") >= 0))
         try:
             rows = join_rows(read_grasps(path, format=data.format))
             if own.num_rows != rows.n:
@@ -283,92 +295,48 @@ def _pad(column: pa.ChunkedArray) -> Array:
     return found
 
 
-class _Rows(Parts):
-    """The rows of a certification: a table in a folder, and what it says.
-
-    Attributes:
-        inputs: contents of the files that rows are of.
-        changed: files whose rows were of another content, and are removed.
-        counts: number of rows by reason.
-        faults: what could not be read or used, ``{file: message}``.
-        done: which rows are there, by file and number.
-    """
-
-    def __init__(self, folder: Path, settings: dict[str, Any], inputs: Inputs):
-        super().__init__(folder, _WORK, settings, {})
-        self.inputs = inputs
-        self.counts: Counter[str] = Counter()
-        self.faults: dict[str, str] = {}
-        self.done: set[tuple[str, int]] = set()
-        self._placing: dict[str, list[tuple[int, float]]] = {}
-        try:
-            self.changed = self._find_outdated()
-            self.remove_rows("file", self.changed)
-            for one in self.live:
-                self.count(read_part(one, list(_COUNTED)))
-        except BaseException:
-            self.__exit__()
-            raise
-
-    def _find_outdated(self) -> tuple[str, ...]:
-        """The files whose rows are of another content than theirs, or their object's, is now."""
-        rows_of: set[tuple[str, str | None, str]] = set()
-        for one in self.live:
-            table = read_part(one, ["file", "object", "inputs"]).group_by(["file", "object", "inputs"]).aggregate([])
-            rows_of.update(zip(*(table[name].to_pylist() for name in ("file", "object", "inputs"))))
-        return tuple(
-            dict.fromkeys(
-                file
-                for file, object_name, inputs in sorted(rows_of, key=lambda one: one[0])
-                if inputs != self.inputs.source(Path(file), object_name).inputs
-            )
-        )
-
-    def count(self, table: pa.Table) -> None:
-        """Note which rows are there, and what they say."""
-        columns = (table[name].to_pylist() for name in _COUNTED)
-        for file, row, reason, message, name, code, depth in zip(*columns):
-            self.counts[reason] += 1
-            if reason == REFUSED:
-                self.faults[file] = message
-            else:
-                self._placing.setdefault(name, []).append((code, depth))
-            self.done.add((file, row))
-
-    @property
-    def hints(self) -> dict[str, str]:
-        """What to look at, by the objects whose grasps are nearly all misplaced."""
-        found = {
-            name: placement_hint([code for code, _ in rows], [depth for _, depth in rows], f"'{name}'")
-            for name, rows in self._placing.items()
-        }
-        return {name: hint for name, hint in found.items() if hint}
-
-    def take(self, table: pa.Table) -> int:
-        """Keep the rows of a block; of the faults of one file, the first."""
-        file, reason = (table[name][0].as_py() for name in ("file", "reason"))
-        if reason == REFUSED:
-            if file in self.faults:  # another block of the same file
-                return 0
-            self.faults[file] = table["message"][0].as_py()
-        self.add(table)
-        return int(table.num_rows)
+def _open(
+    data: DataSet,
+    folder: str | Path,
+    conditions: GraspConditions,
+    tolerance: float,
+    drives: bool,
+    shard: Shard,
+    look: bool = False,
+) -> tuple[CertifiedRows, bytes]:
+    """The rows that are there, and what all blocks have in common, for their workers."""
+    instance_of("data", data, DataSet)
+    instance_of("conditions", conditions, GraspConditions)
+    tolerance = number("tolerance", tolerance, above=0, unit="m")
+    flag("drives", drives)
+    prepared = Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance, bool(drives))
+    settings = {
+        "files": [str(one) for one in data.files],
+        "format": data.format,
+        "mass": data.mass,
+        "density": data.density,
+        "hand": settings_of_hand(data.hand),
+        "conditions": settings_of_conditions(conditions),
+        **{name: plain(value) for name, value in data.meant.items() if value is not None},
+        "tolerance": tolerance,
+        "drives": bool(drives),
+    }
+    files = tuple(data.files)
+    rows = CertifiedRows(path_of("folder", folder), settings, files, Inputs(data.objects), shard, look)
+    return rows, pickle.dumps(prepared)
 
 
-def _work(data: DataSet, rows: _Rows, payload: bytes) -> Iterator[tuple[object, ...]]:
-    """The blocks that are left, in the order of the files."""
-    for path in data.files:
-        name = str(path)
-        if (name, -1) in rows.done:
-            continue
-        source = rows.inputs.source(path, None)
-        try:
-            for grasps in read_grasps(path, format=data.format, block=_BLOCK):
-                source = rows.inputs.source(path, object_named(grasps))
-                for block in blocks_of(grasps, data.hand, **data.meant):
-                    if not all((name, row) in rows.done for row in block.rows.tolist()):
-                        yield payload, source, block, ""
-        except ExtraMissing:
-            raise
-        except Exception as error:  # one file must not end the certification of the others
-            yield payload, source, None, fault_of(error)
+def _work(data: DataSet, rows: CertifiedRows, payload: bytes) -> Iterator[tuple[bytes, RowSource, Block | Fault]]:
+    """The blocks that are left, on the hand."""
+    for left in rows.list_left(data.format):
+        block: Block | Fault
+        if isinstance(left.grasps, Fault):
+            block = left.grasps
+        else:
+            try:
+                block = place_block(left.grasps, left.rows, data.hand, **data.meant)
+            except ExtraMissing:
+                raise
+            except Exception as error:  # one file must not end the certification of the others
+                block = Fault(int(left.rows[0]), fault_of(error))
+        yield payload, left.source, block

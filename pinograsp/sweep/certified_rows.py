@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import pickle
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,7 +16,8 @@ from pinograsp.errors import ExtraMissing, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.objects.lookup import object_in
-from pinograsp.sweep.certified_table import Block, RowSource, certified_table, refused_table
+from pinograsp.spatial import IntArray
+from pinograsp.sweep.certified_table import Block, Fault, RowSource, certified_table, refused_table
 from pinograsp.words import printable
 
 if TYPE_CHECKING:
@@ -39,32 +39,30 @@ class Prepared(NamedTuple):
     drives: bool
 
 
-def blocks_of(rows: GraspRows, hand: HandModel, **meant: Any) -> Iterator[Block]:
-    """The rows for a hand, those of each size of the object for themselves.
+def place_block(grasps: GraspRows, rows: IntArray, hand: HandModel, **meant: Any) -> Block:
+    """Grasps for a hand.
 
     Args:
-        rows: as they were read.
+        grasps: as they were read, of one size of the object.
+        rows: their numbers in the file (N,).
         hand: of one joint, where the file gives none: jaws that are to close.
         meant: as for :func:`~pinograsp.data.place_hand`.
 
     Raises:
         InvalidInput: they are not of this hand.
     """
-    closing = hand.n == 1 and not rows.q.shape[1]
+    closing = hand.n == 1 and not grasps.q.shape[1]
     at = {hand.joint_names[0]: float(hand.resting[0])} if closing else None
-    poses, q = place_hand(rows, hand, at=at, **meant)
-    pose = np.eye(4) if rows.object_pose is None else np.asarray(rows.object_pose)
-    for scale in np.unique(rows.scale):
-        own = np.flatnonzero(rows.scale == scale)
-        yield Block(
-            rows=rows.first + own,
-            object_name=object_named(rows),
-            scale=float(scale),
-            object_pose=pose,
-            poses=poses[own],
-            q=None if closing else q[own],
-            labels={name: np.asarray(values)[own] for name, values in rows.labels.items()},
-        )
+    poses, q = place_hand(grasps, hand, at=at, **meant)
+    return Block(
+        rows=rows,
+        object_name=object_named(grasps),
+        scale=float(grasps.scale[0]),
+        object_pose=np.eye(4) if grasps.object_pose is None else np.asarray(grasps.object_pose),
+        poses=poses,
+        q=None if closing else q,
+        labels={name: np.asarray(values) for name, values in grasps.labels.items()},
+    )
 
 
 def object_named(rows: GraspRows) -> str:
@@ -72,14 +70,14 @@ def object_named(rows: GraspRows) -> str:
     return rows.object_name or Path(rows.source).stem
 
 
-def certified_block(payload: bytes, source: RowSource, block: Block | None, message: str) -> pa.Table:
-    """The rows of a block, or of the fault that a message tells.
+def certified_block(payload: bytes, source: RowSource, block: Block | Fault) -> pa.Table:
+    """The rows of a block, or of a fault.
 
     Raises:
         ExtraMissing: an extra that is needed is not installed.
     """
-    if block is None:
-        return refused_table(source, message)
+    if isinstance(block, Fault):
+        return refused_table(source, block)
     try:
         object_is = block.object_name, source.object_content, block.scale, block.object_pose.tobytes()
         certifier = _certifier(payload, *object_is)
@@ -88,7 +86,7 @@ def certified_block(payload: bytes, source: RowSource, block: Block | None, mess
     except ExtraMissing:
         raise
     except Exception as error:  # one file must not end the certification of the others
-        return refused_table(source, fault_of(error))
+        return refused_table(source, Fault(int(block.rows[0]), fault_of(error)))
     return certified_table(source, block, found)
 
 

@@ -98,17 +98,34 @@ class RowSource(NamedTuple):
         return f"{self.content} {self.object_content}".strip()
 
 
-def refused_table(source: RowSource, message: str) -> pa.Table:
-    """One row, number -1: the file could not be used from there on."""
+class Fault(NamedTuple):
+    """Why a file, or a block of it, could not be used.
+
+    Attributes:
+        first: the first grasp that it is about.
+        message: what it is.
+    """
+
+    first: int
+    message: str
+
+    @staticmethod
+    def number(first: int) -> int:
+        """Of a fault's row on disk, below 0: another one for each block, so that these are known. Readers see -1."""
+        return -1 - first
+
+
+def refused_table(source: RowSource, fault: Fault) -> pa.Table:
+    """The row of a fault."""
     import pyarrow as pa
 
     row = {
         "file": source.file,
-        "row": -1,
+        "row": Fault.number(fault.first),
         "object": source.object_name,
         "reason": REFUSED,
         "code": -1,
-        "message": message,
+        "message": fault.message,
         "inputs": source.inputs,
     }
     return pa.Table.from_pylist([row], schema=schema_of())

@@ -16,6 +16,7 @@ from pinograsp.checks import brief, path_of
 from pinograsp.spatial import IntArray
 from pinograsp.sweep.rows import FIGURES, ChunkResult, Kind, Row, kind_of, run_chunk
 from pinograsp.sweep.runner import Executor, Progress, Runner
+from pinograsp.sweep.shards import Missing, Shard, deal_rows
 from pinograsp.sweep.store import Store, read_sweep
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ class Sweep:
 
     Attributes:
         folder: that holds the rows.
-        rows: number of rows of the sweep.
+        rows: number of rows of the sweep, or of the shard's share; so all numbers.
         done: number of rows in the folder, those of earlier runs included.
         counts: number of rows by status.
         interrupted: whether Ctrl-C stopped it; the same call continues it.
@@ -71,6 +72,7 @@ def sweep(
     executor: Executor = "joblib",
     scheduler: str | None = None,
     progress: bool | None = None,
+    shard: tuple[int, int] | str | None = None,
 ) -> Sweep:
     """Plan a case over ranges or random draws of its inputs, one row each; called again, it continues.
 
@@ -88,11 +90,15 @@ def sweep(
             same paths.
         scheduler: address of a Dask scheduler, such as ``"tcp://10.0.0.1:8786"``.
         progress: bar on stderr: None (on a terminal), True or False.
+        shard: compute the i-th of n shares alone, ``(i, n)`` or ``"i/n"``, i from 1: n processes, on machines that
+            share the folder, do all of them at once. Whatever they leave, a call without it computes, or one with
+            another n, once none of them is running.
 
     Raises:
         CaseRejected: a sweep or case that cannot be used.
-        InvalidInput: jobs, executor or scheduler.
-        ResultsNotWritten: the folder holds another sweep or other files, is in use, or cannot be written.
+        InvalidInput: jobs, executor, scheduler or shard.
+        ResultsNotWritten: the folder holds another sweep or other files, is in use (by this shard, or by one of another
+            n), or cannot be written.
         ExtraMissing: pyarrow (extra ``sweep``), distributed (``dask``) or, for forces alone, the compiled core is not
             installed.
         PinograspError: workers were lost; completed rows are kept.
@@ -101,9 +107,8 @@ def sweep(
     runner = Runner(jobs=jobs, executor=executor, scheduler=scheduler, progress=progress)
     spec = spec if isinstance(spec, SweepSpec) else load_sweep(spec)
     payload = spec.base.model_copy(update={"files": spec.files}).model_dump_json()
-    kinds: dict[str, Kind] = {key: kind_of(values) for key, values in spec.inputs.items()}
-    with Store(path_of("folder", folder), spec.settings(), spec.rows, {**kinds, **FIGURES[spec.what]}) as store:
-        chunks = _Chunks(spec, np.flatnonzero(~store.have))
+    with _open(spec, folder, shard) as store:
+        chunks, total = _Chunks(spec, store.left), int(store.share.sum())
 
         def take(result: ChunkResult) -> int:
             rows, seconds, left = result
@@ -117,17 +122,41 @@ def sweep(
             map(lambda rows: (payload, rows), chunks),
             store,
             take,
-            Progress("sweep", "row", store.done, spec.rows),
+            Progress("sweep", "row", store.done, total),
             chunks.employ,
         )
         return Sweep(
             folder=Path(folder),
-            rows=spec.rows,
+            rows=total,
             done=store.done,
             counts=dict(store.counts),
             interrupted=interrupted,
             elapsed=time.perf_counter() - started,
         )
+
+
+def find_missing_rows(
+    spec: SweepSpec | dict[str, Any] | str | Path, folder: str | Path, *, shard: tuple[int, int] | str | None = None
+) -> Missing:
+    """The rows that :func:`sweep` would compute with these arguments; nothing is written, and shards may be running.
+
+    Raises:
+        CaseRejected, InvalidInput, ResultsNotWritten, ExtraMissing: as of :func:`sweep`.
+    """
+    spec = spec if isinstance(spec, SweepSpec) else load_sweep(spec)
+    store = _open(spec, folder, shard, look=True)
+    left = store.left
+    return Missing(
+        rows=len(left),
+        total=int(store.share.sum()),
+        shards={n: tuple(np.unique(deal_rows(spec.rows, n)[left]).tolist()) for n in store.list_counts()},
+    )
+
+
+def _open(spec: SweepSpec, folder: str | Path, shard: tuple[int, int] | str | None, look: bool = False) -> Store:
+    kinds: dict[str, Kind] = {key: kind_of(values) for key, values in spec.inputs.items()}
+    columns = {**kinds, **FIGURES[spec.what]}
+    return Store(path_of("folder", folder), spec.settings(), spec.rows, columns, Shard.of(shard), look)
 
 
 class _Chunks:

@@ -11,9 +11,10 @@ import numpy as np
 
 from pinograsp.checks import path_of
 from pinograsp.errors import InvalidInput
-from pinograsp.spatial import BoolArray
-from pinograsp.sweep.parts import Parts, Work, manifest_of, need_pyarrow, read_part, read_parts
+from pinograsp.spatial import BoolArray, IntArray
+from pinograsp.sweep.parts import Parts, Work, drop_doubles, manifest_of, need_pyarrow, read_parts
 from pinograsp.sweep.rows import Kind, Row
+from pinograsp.sweep.shards import WHOLE, Shard, deal_rows
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -26,38 +27,51 @@ class Store(Parts):
     """The rows of a sweep: a table in a folder.
 
     Attributes:
-        have: which rows are there (rows,).
-        counts: number of rows by status.
+        share: which rows are the shard's (rows,).
+        have: which rows are there (rows,), those of other shards aside.
+        counts: number of rows of the shard's share by status.
     """
 
-    def __init__(self, folder: Path, settings: dict[str, Any], rows: int, kinds: dict[str, Kind]):
+    def __init__(
+        self,
+        folder: Path,
+        settings: dict[str, Any],
+        rows: int,
+        kinds: dict[str, Kind],
+        shard: Shard = WHOLE,
+        look: bool = False,
+    ):
         self.kinds, self.schema = kinds, _schema(kinds)
-        super().__init__(folder, _WORK, settings, {"rows": rows, "columns": kinds})
+        super().__init__(folder, _WORK, settings, {"rows": rows, "columns": kinds}, shard, look)
+        self.share: BoolArray = deal_rows(rows, shard.count) == shard.number
         self.have: BoolArray = np.zeros(rows, dtype=bool)
         self.counts: Counter[str] = Counter()
         try:
-            for one in self.live:
-                table = read_part(one, ["index", "status"])
-                index = table["index"].to_numpy()
-                if index.min(initial=0) < 0 or index.max(initial=0) >= rows:
-                    raise InvalidInput(
-                        f"'{one}' holds rows that this sweep does not have: remove it, and this sweep's are computed "
-                        "again"
-                    )
-                self.count(table)
+            self.count_all(["index", "status"])
         except BaseException:
             self.__exit__()
             raise
 
-    def count(self, table: pa.Table) -> None:
+    def count(self, table: pa.Table, path: Path) -> None:
         """Note which rows are there, and their statuses."""
-        self.have[table["index"].to_numpy()] = True
-        self.counts.update(table["status"].to_pylist())
+        index, statuses = table["index"].to_numpy(), table["status"].to_pylist()
+        if index.min(initial=0) < 0 or index.max(initial=0) >= len(self.have):
+            raise InvalidInput(
+                f"'{path}' holds rows that this sweep does not have: remove it, and this sweep's are computed again"
+            )
+        for i in np.flatnonzero(self.share[index] & ~self.have[index]).tolist():
+            self.counts[statuses[i]] += 1
+        self.have[index] = True
 
     @property
     def done(self) -> int:
-        """Number of rows in the folder."""
-        return int(self.have.sum())
+        """Number of rows of the share that are there."""
+        return int((self.have & self.share).sum())
+
+    @property
+    def left(self) -> IntArray:
+        """The rows of the share that are not there (M,)."""
+        return np.flatnonzero(self.share & ~self.have)
 
     def add_rows(self, rows: list[Row]) -> None:
         """Keep rows; the next :meth:`save` writes them."""
@@ -87,7 +101,7 @@ def read_sweep(folder: str | Path) -> pa.Table:
 
     tables = read_parts(folder, _WORK)
     try:
-        return pa.concat_tables(tables).sort_by("index") if tables else schema.empty_table()
+        return drop_doubles(pa.concat_tables([schema.empty_table(), *tables]).sort_by("index"), ["index"])
     except pa.ArrowException as error:
         raise InvalidInput(f"'{folder}' holds parts of other sweeps: {error}") from error
 

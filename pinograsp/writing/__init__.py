@@ -7,11 +7,12 @@ Every folder lists what was written into it (``files.txt``), and what is not lis
 
 from pinograsp.writing.files import discard, list_in, place_of, safe_name, write_errors, write_file
 from pinograsp.writing.folders import NewFolder, add_files, write_folder
-from pinograsp.writing.locks import ASIDE, MOMENT, InUse, left_over, lock, mark
+from pinograsp.writing.locks import ASIDE, MOMENT, PATIENCE, InUse, left_over, lock, mark
 
 __all__ = [
     "ASIDE",
     "MOMENT",
+    "PATIENCE",
     "InUse",
     "NewFolder",
     "add_files",

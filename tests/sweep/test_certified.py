@@ -239,8 +239,8 @@ def test_jaws_of_files_without_openings_close(tmp_path):
 
 SCRIPT = """
 import sys
-from pinograsp.sweep import certified, runner
-runner._SAVED_EVERY, certified._BLOCK = 0.0, 2
+from pinograsp.sweep import certified_store, runner
+runner._SAVED_EVERY, certified_store._BLOCK = 0.0, 2
 from pinograsp.cli import main
 main()
 """
@@ -437,7 +437,7 @@ def test_what_is_no_file_is_one_fault_each_and_the_others_are_certified(tmp_path
 
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("no more")])
 def test_any_error_in_a_file_is_a_fault_of_it_alone(tmp_path, monkeypatch, error):
-    from pinograsp.sweep import certified
+    from pinograsp.sweep import certified_store
 
     files = panda_files(tmp_path)
 
@@ -446,7 +446,7 @@ def test_any_error_in_a_file_is_a_fault_of_it_alone(tmp_path, monkeypatch, error
             raise error
         return read_grasps(path, **more)
 
-    monkeypatch.setattr(certified, "read_grasps", read)
+    monkeypatch.setattr(certified_store, "read_grasps", read)
     done = certified_by_panda(tmp_path, files)
     assert list(done.faults) == [str(files[0])] and done.counts["held"] == 3
 
