@@ -144,7 +144,7 @@ class Parts:
         self._lock = os.stat(self.own / f"{_OURS}.lock")  # nothing else is this while it is open
         for other in self._others():
             if os.path.lexists(other / f"{_OURS}.lock"):  # of one that works, or was killed
-                self._hold(other).close()
+                self._hold(other, PATIENCE).close()
         for entry in left_over(self.own):
             discard(entry)
         live, stale = live_parts(self.own)
@@ -152,7 +152,7 @@ class Parts:
             one.unlink()
         self.next = 1 + max((_span(one)[1] for one in live), default=-1)
 
-    def _hold(self, folder: Path, patience: float = PATIENCE) -> contextlib.ExitStack:
+    def _hold(self, folder: Path, patience: float) -> contextlib.ExitStack:
         """Lock the rows of a shard, until this is closed."""
         held = contextlib.ExitStack()
         try:

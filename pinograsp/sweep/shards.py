@@ -89,8 +89,8 @@ class FileDeal:
         self._among = np.array([min(count, 1 + _SPREAD * size // share) for size in sizes])
         pieces = np.frexp(sizes / self._among)[1]  # equal ones one after the other, or some shards get the large ones
         order = (shuffled := _shuffle(len(sizes), count))[np.argsort(-pieces[shuffled], kind="stable")]
-        self._first = np.empty(len(sizes), dtype=int)
-        self._first[order] = np.cumsum(self._among[order]) - self._among[order]
+        self._rank = np.argsort(order)
+        self._first = (np.cumsum(self._among[order]) - self._among[order])[self._rank]
 
     def is_of(self, file: int, number: int) -> bool:
         """Whether a shard has to read a file."""
@@ -99,8 +99,10 @@ class FileDeal:
     def number_of(self, file: int, block: int) -> int:
         """The shard of a block of a file; both are counted from 0."""
         among = int(self._among[file])
-        place = _shuffle(among, self.count, file, block // among)[block % among]
-        return int((self._first[file] + place) % self.count) + 1
+        place = self._rank[file] + block
+        if block >= among:
+            place = _shuffle(among, self.count, file, block // among)[block % among]
+        return int((self._first[file] + place % among) % self.count) + 1
 
 
 def _shuffle(size: int, *seed: int) -> IntArray:
