@@ -451,6 +451,34 @@ def test_any_error_in_a_file_is_a_fault_of_it_alone(tmp_path, monkeypatch, error
     assert list(done.faults) == [str(files[0])] and done.counts["held"] == 3
 
 
+def test_a_block_that_cannot_be_certified_keeps_no_other_away(tmp_path, monkeypatch):
+    """Whichever comes first: the process may be killed in between. Its file is not written with newtons."""
+    from pinograsp.sweep import certified, certified_store, find_missing_grasps
+
+    files, place = panda_files(tmp_path, names=["a"], count=9), certified.place_block
+
+    def refuse_one(grasps, rows, hand, **meant):
+        if rows[0] == 4:
+            raise InvalidInput("no such grasp")
+        return place(grasps, rows, hand, **meant)
+
+    monkeypatch.setattr(certified_store, "_BLOCK", 1)
+    monkeypatch.setattr(certified, "place_block", refuse_one)
+    data = DataSet(
+        files=files, hand=pg.load_hand("panda"), objects=tmp_path / "meshes", mass=0.1, convention="panda_graspgen"
+    )
+    shards = [find_missing_grasps(data, tmp_path / "out", CONDITIONS, shard=(i, 3)).rows for i in (1, 2, 3)]
+    assert sum(shards) == 9 and min(shards) > 0
+    for i in (2, 1, 3):
+        certify_files(data, tmp_path / "out", CONDITIONS, jobs=1, progress=False, shard=(i, 3))
+    done = certified_by_panda(tmp_path, files)
+    assert done.counts == {"held": 8, "refused": 1} and done.faults == {str(files[0]): "no such grasp"}
+    assert done.table()["row"].to_pylist() == [-1, 0, 1, 2, 3, 5, 6, 7, 8]
+    assert find_missing_grasps(data, tmp_path / "out", CONDITIONS).rows == 0
+    paths, refused = written_back(data, tmp_path / "out", tmp_path / "back")
+    assert paths == [] and "8 of its 9 grasps" in refused[str(files[0])]
+
+
 @pytest.mark.parametrize("name", ["part-000001-000001.parquet", "_manifest.json"])
 def test_a_pipe_in_the_folder_of_rows_is_told(tmp_path, name):
     files = panda_files(tmp_path, names=["a"])

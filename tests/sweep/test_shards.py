@@ -19,6 +19,7 @@ from pinograsp.sweep import (
     find_missing_rows,
     read_certified,
     read_sweep,
+    run,
     runner,
     sweep,
 )
@@ -66,18 +67,20 @@ def certify_into(out, data, shard=None, conditions=CONDITIONS):
 
 def certify_shard(folder, files, block, shards, begun, number):
     """In a process that may be killed: written after each block."""
-    certified_store._BLOCK, runner._SAVED_EVERY = block, 0.0
-    data = data_in(folder, files)
-    begun()
-    certify_into(folder / "out", data, (number, shards))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(certified_store, "_BLOCK", block)
+        patch.setattr(runner, "_SAVED_EVERY", 0.0)
+        data = data_in(folder, files)
+        begun()
+        certify_into(folder / "out", data, (number, shards))
 
 
 def sweep_shard(out, spec, most, shards, begun, number):
-    from pinograsp.sweep import run
-
-    run._MOST_AT_ONCE, runner._SAVED_EVERY = most, 0.0
-    begun()
-    sweep(spec, out, jobs=1, progress=False, shard=(number, shards))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "_MOST_AT_ONCE", most)
+        patch.setattr(runner, "_SAVED_EVERY", 0.0)
+        begun()
+        sweep(spec, out, jobs=1, progress=False, shard=(number, shards))
 
 
 def entries_of(folder):
