@@ -137,14 +137,12 @@ class MujocoEngine:
 
     def _touches_of_surface(self, collider: Collider) -> Touches:
         """The points at which the hand overlaps an object that is not convex."""
-        data = self.data
-        placements = [pin.SE3(data.xmat[body].reshape(3, 3), data.xpos[body]) for body in self.body_of_part]
-        pose = self.object_pose
-        overlaps = collider.collide(placements, self.q, pose[:3, :3], pose[:3, 3])
-        if not overlaps:
+        data, body = self.data, self.body_of_part[collider.joints]
+        rotations, object_rotation = data.xmat[body].reshape(-1, 3, 3), data.xmat[self.object].reshape(3, 3)
+        found = collider.collide(rotations, data.xpos[body], object_rotation, data.xpos[self.object])
+        if not found.depths.size:
             return NO_TOUCHES
-        joints, geometry, points, normals, depths = (np.array(one) for one in zip(*overlaps))
-        return self._describe_touches(self.body_of_part[joints], geometry, points, normals, depths)
+        return self._describe_touches(body[found.geometry], *found)
 
     def _describe_touches(
         self, body: IntArray, geometry: IntArray, point: Array, normal: Array, depth: Array

@@ -13,11 +13,11 @@ from scipy.spatial import ConvexHull
 from pinograsp.hands import HandModel
 from pinograsp.simulation.geometry import make_convex
 from pinograsp.simulation.surface import Deepest, MeshSurface
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, IntArray
 
 _NEAR = 2e-4  # [m] parts farther apart are skipped until they may have come closer
+_STILL = 1e-6  # [m] a part that touches is measured again when it has moved this far against the object
 _JUMP = 1e-3  # [m] a larger motion between two calls is a new placement: the last normal is of no use
-_FARTHEST = 1.0  # [m] assumed travel of a sliding joint without limits
 _FLUSH = 2e-6  # [m] corners of a hull this near to the plane of a face belong to it
 _CORNERS = 8  # largest number of corners of a common area
 _MOST = 0.995  # of the depth: an area that is nowhere as deep lacks the deepest point
@@ -25,8 +25,29 @@ _MOST = 0.995  # of the depth: an area that is nowhere as deep lacks the deepest
 _Point2: TypeAlias = list[float]  # (2,)
 
 
+class _Planes(NamedTuple):
+    """Points at which hand and object touch, each with the object's tangent plane there; the object's frame.
+
+    Attributes:
+        points: on the object's surface (c, 3) [m].
+        normals: into the object (c, 3).
+        slopes: how the depths change with the placement (3, 4) of the joint that carries the geometry (c, 12).
+        heights: the depths are these plus slopes times placement (c,) [m].
+    """
+
+    points: Array
+    normals: Array
+    slopes: Array
+    heights: Array
+
+
+_NOTHING = _Planes(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 12)), np.zeros(0))
+
+
 class _Part:
-    """One convex geometry of the hand, with the normal and the shift out of the object found in the last call."""
+    """One convex geometry of the hand, with where it touches, and the normal and the shift out of the object found in
+    the last call.
+    """
 
     def __init__(self, joint: int, placement: pin.SE3, shape: coal.ShapeBase):
         self.joint, self.placement, self.shape = joint, placement, shape
@@ -35,6 +56,7 @@ class _Part:
         self.footprint = _Footprint(shape)
         self.normal: Array | None = None
         self.away: Array | None = None
+        self.planes = _NOTHING
 
 
 class _Flat(NamedTuple):
@@ -95,7 +117,8 @@ class _Footprint:
 def _common_area(
     own: _Flat, others: Sequence[_Flat], point: Array, normal: Array, depth: float
 ) -> list[tuple[Array, float]]:
-    """Points (3,) of the object where a face or an edge of the hand lies on a face of the object, with depths.
+    """Points (3,) of the object where a face or an edge of the hand lies on a face of the object or is about to, with
+    depths.
 
     ``others`` are the convex pieces of that face. ``point`` is the deepest; it is added where the others are not as
     deep.
@@ -111,7 +134,7 @@ def _common_area(
             area = area[np.unique((area @ np.array([np.cos(turn), np.sin(turn)])).argmax(axis=0))]
         surface = pieces[0].over(area)
         depths = mine.over(area) - surface
-        found = [(point + axes @ [*at, z], float(deep)) for at, z, deep in zip(area, surface, depths) if deep > 0]
+        found = [(point + axes @ [*at, z], float(deep)) for at, z, deep in zip(area, surface, depths) if deep > -_STILL]
     if max((deep for _, deep in found), default=0.0) < _MOST * depth:
         found.append((point, depth))
     return found
@@ -169,119 +192,127 @@ def _clip(corners: list[_Point2], by: list[_Point2]) -> list[_Point2]:
     return corners
 
 
-class Overlap(NamedTuple):
-    """One point at which the hand overlaps the object.
+class Overlaps(NamedTuple):
+    """The c points at which the hand overlaps the object.
 
     Attributes:
-        joint: Pinocchio's index of the joint that carries the geometry.
-        geometry: index of the hand's convex geometry.
-        point: on the object's surface (3,) [m].
-        normal: into the object (3,).
-        depth: [m].
+        geometry: indices of the hand's convex geometries (c,).
+        points: on the object's surface (c, 3) [m].
+        normals: into the object (c, 3).
+        depths: (c,) [m].
     """
 
-    joint: int
-    geometry: int
-    point: Array
-    normal: Array
-    depth: float
-
-
-class _Pose(NamedTuple):
-    """Joint positions (n,) with rotation (3, 3) and position (3,) of the object."""
-
-    q: Array
-    rotation: Array
-    position: Array
+    geometry: IntArray
+    points: Array
+    normals: Array
+    depths: Array
 
 
 class Collider:
-    """Overlaps of the hand's geometry with an object that is not convex, see :mod:`pinograsp.simulation.surface`."""
+    """Overlaps of the hand's geometry with an object that is not convex, see :mod:`pinograsp.simulation.surface`.
+
+    A part is measured again when it has moved against the object: as far as it was clear, or, where it touches, by
+    :data:`_STILL`. In between its points are those of tangent planes, off by the square of the motion over the radius
+    of curvature.
+
+    Attributes:
+        joints: Pinocchio's indices of the joints that carry the hand's convex geometries (g,).
+    """
 
     def __init__(self, hand: HandModel, surface: MeshSurface):
-        parts = [
+        self.parts = [
             _Part(one.parentJoint, one.placement, shape)
             for one in hand.geometry.geometryObjects
             if (shape := make_convex(one.geometry, one.name, [])) is not None
         ]
-        self.geometry, self.hand, self.surface = parts, hand, surface
-        box = surface.model
-        self.centre, self.radius = np.array(box.aabb_center), float(box.aabb_radius)
-        self.extent = float(np.linalg.norm(self.centre)) + self.radius
-        self.reach = np.array([self._reach(part) for part in parts]).reshape(len(parts), hand.n)
-        # Lower bounds of the distances: the last known ones, less the largest motion since.
-        self.slack = np.zeros(len(parts))
-        self.last: _Pose | None = None
+        self.joints, self.surface = np.array([part.joint for part in self.parts], dtype=int), surface
+        self.centre, self.radius = np.array(surface.model.aabb_center), float(surface.model.aabb_radius)
+        # Placements (3, 4) of the joints times these are the points of a geometry about its middle, and that.
+        self.levers = np.zeros((len(self.parts), 4, 4))
+        for lever, part in zip(self.levers, self.parts):
+            lever[:3, :3] = part.radius * np.sqrt(0.5) * np.eye(3)
+            lever[:, 3] = [*part.placement.act(part.centre), 1.0]
+        # By these, where each part was when it was measured, and how far it may move from there.
+        self.measured, self.allowed = np.zeros((len(self.parts), 12)), np.full(len(self.parts), -1.0)
+        self._gather()
 
-    def _reach(self, part: _Part) -> Array:
-        """How far any point of a geometry can move for each unit of each actuated joint (n,)."""
-        hand, model, bound = self.hand, self.hand.model, np.zeros(self.hand.n)
-        far, j = float(np.linalg.norm(part.placement.act(part.centre))) + part.radius, part.joint
-        while j:
-            i, ratio, slides = model.joints[j].idx_v, abs(hand.ratio(j)), hand.is_prismatic(j)
-            bound[i] += ratio * (1.0 if slides else far)
-            if slides:
-                far += ratio * min(max(abs(hand.lower[i]), abs(hand.upper[i])) + 0.01, _FARTHEST)
-            far += float(np.linalg.norm(model.jointPlacements[j].translation))
-            j = model.parents[j]
-        return bound
+    def collide(self, rotations: Array, positions: Array, rotation: Array, position: Array) -> Overlaps:
+        """All overlaps, with the geometries' joints at rotations (g, 3, 3) and positions (g, 3), and the object at a
+        rotation (3, 3) and a position (3,).
+        """
+        placed = rotation.T @ np.concatenate([rotations, (positions - position)[:, :, None]], axis=2)
+        there = (placed @ self.levers).reshape(-1, 12)
+        change = there - self.measured
+        moved = np.sqrt(2 * np.einsum("ij,ij->i", change, change))  # no point of the part has moved farther
+        due = np.flatnonzero(moved > self.allowed)
+        for i in due:
+            if moved[i] > self.allowed[i] + _JUMP:
+                self.parts[i].normal = None
+            self.allowed[i] = self._measure(self.parts[i], placed[i], there[i, 3::4])
+        if due.size:
+            self.measured[due] = there[due]
+            self._gather()
+        depths = self.planes.heights + np.einsum("ij,ij->i", placed.reshape(-1, 12)[self.owners], self.planes.slopes)
+        points, normals = self.planes.points @ rotation.T + position, self.planes.normals @ rotation.T
+        if depths.min(initial=1.0) > 0:
+            return Overlaps(self.owners, points, normals, depths)
+        own = depths > 0
+        return Overlaps(self.owners[own], points[own], normals[own], depths[own])
 
-    def collide(self, placements: Sequence[pin.SE3], q: Array, rotation: Array, position: Array) -> list[Overlap]:
-        """All overlaps, with the joints at ``placements`` (at q) and the object at a rotation and position."""
-        if self.last is not None:
-            turned = rotation - self.last.rotation
-            shift = np.linalg.norm(position - self.last.position)
-            object_moved = shift + self.extent * np.sqrt(0.5 * (turned * turned).sum())
-            self.slack -= self.reach @ np.abs(q - self.last.q) + object_moved
-        self.last = _Pose(q, rotation, position)
-        found: list[Overlap] = []
-        pose = coal.Transform3s(rotation, position)
-        centre = position + rotation @ self.centre
-        for i in np.flatnonzero(self.slack <= 0):
-            part = self.geometry[i]
-            placed = placements[part.joint] * part.placement
-            if self.slack[i] < -_JUMP:
-                part.normal = None
-            apart = float(np.linalg.norm(placed.act(part.centre) - centre)) - part.radius - self.radius
-            if apart > _NEAR:
-                self.slack[i], part.normal = apart - 0.5 * _NEAR, None
-                continue
-            deepest = self._find_deepest(part, coal.Transform3s(placed.rotation, placed.translation), pose)
-            depth, normal = deepest.depth, deepest.normal
-            self.slack[i] = max(-depth - 0.5 * _NEAR, 0.0) if depth < -_NEAR else 0.0
-            if depth > 0:
-                own = part.footprint.towards(normal, placed.rotation, placed.translation)
-                others = [] if own is None else self._faces(own, deepest, rotation, position)
-                points = [(deepest.point, depth)]
-                if own is not None and others:
-                    points = _common_area(own, others, deepest.point, normal, depth)
-                found += [Overlap(part.joint, int(i), at, normal, deep) for at, deep in points]
-        return found
+    def _gather(self) -> None:
+        """Put the points of all parts side by side."""
+        every = [part.planes for part in self.parts]
+        self.planes = _Planes(*(np.concatenate(one) for one in zip(_NOTHING, *every)))
+        self.owners = np.repeat(np.arange(len(every)), [len(one.heights) for one in every])
 
-    def _faces(self, own: _Flat, deepest: Deepest, rotation: Array, position: Array) -> list[_Flat]:
+    def _measure(self, part: _Part, joint: Array, middle: Array) -> float:
+        """Find where a part touches, its joint's placement being (3, 4) in the object's frame; returns how far it may
+        move before it is measured again.
+        """
+        part.planes = _NOTHING
+        apart = float(np.linalg.norm(middle - self.centre)) - part.radius - self.radius
+        if apart > _NEAR:
+            part.normal = None
+            return apart - 0.5 * _NEAR
+        rotation = joint[:, :3] @ part.placement.rotation
+        position = joint[:, :3] @ part.placement.translation + joint[:, 3]
+        deepest = self._find_deepest(part, coal.Transform3s(rotation, position))
+        depth, normal = deepest.depth, deepest.normal
+        if depth > -_STILL:
+            own = part.footprint.towards(normal, rotation, position)
+            others = [] if own is None else self._faces(own, deepest)
+            found = [(deepest.point, depth)]
+            if own is not None and others:
+                found = _common_area(own, others, deepest.point, normal, depth)
+            points, depths = (np.array(one) for one in zip(*found))
+            arms = np.column_stack([(points - joint[:, 3]) @ joint[:, :3], np.ones(len(points))])
+            slopes = (normal[:, None] * arms[:, None, :]).reshape(-1, 12)
+            part.planes = _Planes(points, np.tile(normal, (len(points), 1)), slopes, depths - points @ normal)
+        return max(-depth - 0.5 * _NEAR, -0.5 * depth, _STILL)
+
+    def _faces(self, own: _Flat, deepest: Deepest) -> list[_Flat]:
         """The object's face against the hand's, in convex pieces; none where several sides share the overlap."""
         if deepest.triangle is None:
             return []
-        point, normal = (deepest.point - position) @ rotation, deepest.normal @ rotation
-        face = self.surface.face(self.surface.face_towards(deepest.triangle, point, normal))
+        face = self.surface.face(self.surface.face_towards(deepest.triangle, deepest.point, deepest.normal))
         middle = own.corners.mean(axis=0)
         away = own.corners - middle
-        pieces = face.within((middle - position) @ rotation, float(np.sqrt((away * away).sum(axis=1).max())))
-        return [_Flat(corners @ rotation.T + position, rotation @ face.normal) for corners in pieces]
+        pieces = face.within(middle, float(np.sqrt((away * away).sum(axis=1).max())))
+        return [_Flat(corners, face.normal) for corners in pieces]
 
-    def _find_deepest(self, part: _Part, mine: coal.Transform3s, pose: coal.Transform3s) -> Deepest:
+    def _find_deepest(self, part: _Part, mine: coal.Transform3s) -> Deepest:
         """How deep a part is in the object; negative where it is clear."""
         surface = self.surface
         if part.normal is not None and part.away is not None:
-            found = surface.deepest(part.shape, mine, pose, part.normal, part.away)
+            found = surface.deepest(part.shape, mine, part.normal, part.away)
         else:
-            side = surface.near(part.shape, mine, pose)
+            side = surface.near(part.shape, mine)
             if side.depth < -_NEAR:
                 return Deepest(side.depth, side.normal, side.point, side.triangle)
-            found = surface.deepest_anew(part.shape, mine, pose, side)
+            found = surface.deepest_anew(part.shape, mine, side)
         part.normal = None
         if found is None:  # never clear: as if it were far inside
-            return self._find_deepest(part, mine, pose)
+            return self._find_deepest(part, mine)
         best, away = found
         if best.depth > -_NEAR:
             part.normal, part.away = best.normal, away

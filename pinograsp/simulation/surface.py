@@ -27,6 +27,7 @@ _HOLLOW = 1e-8  # [m] two points lie in a hollow where each is this far above th
 _PARALLEL = 1 - 5e-7  # ...and where the cosine between their normals is less than this (1e-3 rad)
 _FACING = -0.25  # least cosine between a triangle's normal and the direction of a search: others are at its back
 _FLAT = 1e-5  # [m, -] triangles whose planes differ by less are one face
+_UNTURNED = np.eye(3)
 _STARTS = 12  # directions tried for a part that appears inside the surface
 
 
@@ -34,9 +35,9 @@ class Side(NamedTuple):
     """One face or edge that a part is nearest to.
 
     Attributes:
-        normal: into the object (3,).
+        normal: into the object, in its frame (3,).
         depth: along the normal, negative where clear [m].
-        point: on the object's surface (3,) [m].
+        point: on the object's surface, in its frame (3,) [m].
         triangle: its index.
     """
 
@@ -51,8 +52,8 @@ class Deepest(NamedTuple):
 
     Attributes:
         depth: length of the shortest shift that clears the part, or less the distance where it is clear [m].
-        normal: the shift's direction, into the object (3,).
-        point: on the object's surface; of several sides the mean by their shares in the shift (3,) [m].
+        normal: the shift's direction, into the object, in its frame (3,).
+        point: on the object's surface, in its frame; of several sides the mean by their shares in the shift (3,) [m].
         triangle: index of the triangle touched; None where several sides share the overlap.
     """
 
@@ -84,7 +85,7 @@ class Face(NamedTuple):
 
 
 class MeshSurface:
-    """The triangles of an object that is not convex, in the shape's own frame."""
+    """The triangles of an object that is not convex. All is in the shape's own frame, placements ``mine`` included."""
 
     def __init__(self, mesh: Mesh):
         self.vertices, self.triangles = mesh.vertices - mesh.com_b, np.array(mesh.faces)
@@ -102,35 +103,33 @@ class MeshSurface:
         self.request.enable_signed_distance = self.plain.enable_signed_distance = True
         self.request.gjk_tolerance, self.request.gjk_max_iterations = 1e-12, 1000
 
-    def near(self, shape: coal.ShapeBase, mine: coal.Transform3s, pose: coal.Transform3s) -> Side:
+    def near(self, shape: coal.ShapeBase, mine: coal.Transform3s) -> Side:
         """The side nearest to a part; of one that overlaps the surface, any side there and a depth of 0 or more."""
-        gap, side = self._nearest(shape, mine, pose, np.zeros(3), self.model, self.all)
+        gap, side = self._nearest(shape, mine, np.zeros(3), self.model, self.all)
         return side._replace(depth=-gap)
 
-    def deepest_anew(
-        self, shape: coal.ShapeBase, mine: coal.Transform3s, pose: coal.Transform3s, side: Side
-    ) -> tuple[Deepest, Array]:
+    def deepest_anew(self, shape: coal.ShapeBase, mine: coal.Transform3s, side: Side) -> tuple[Deepest, Array]:
         """As :meth:`deepest`, from the nearest side alone; of a part that appears inside, the shortest way out."""
-        normals = [side.normal] if side.depth < 0 else self._starts(shape, mine, pose) or [side.normal]
-        tried = [self.deepest(shape, mine, pose, normal, 2 * CLEAR * normal) for normal in normals]
+        normals = [side.normal] if side.depth < 0 else self._starts(shape, mine) or [side.normal]
+        tried = [self.deepest(shape, mine, normal, 2 * CLEAR * normal) for normal in normals]
         known = (Deepest(side.depth, side.normal, side.point, side.triangle), 2 * CLEAR * side.normal)
         return min((one for one in tried if one is not None), key=lambda one: one[0].depth, default=known)
 
-    def _starts(self, shape: coal.ShapeBase, mine: coal.Transform3s, pose: coal.Transform3s) -> list[Array]:
+    def _starts(self, shape: coal.ShapeBase, mine: coal.Transform3s) -> list[Array]:
         """Inward normals of the triangles that a part overlaps."""
         request, result = coal.CollisionRequest(), coal.CollisionResult()
         request.num_max_contacts = 1000
-        coal.collide(shape, mine, self.model, pose, request, result)
+        coal.collide(shape, mine, self.model, coal.Transform3s(), request, result)
         # The primitive of a shape is -1.
         met = sorted({max(one.b1, one.b2) for one in (result.getContact(i) for i in range(result.numContacts()))})
-        rotation, found = pose.getRotation(), np.zeros((0, 3))
+        found = np.zeros((0, 3))
         for normal in self.normals[met]:
             if not (found @ normal > 0.95).any():
                 found = np.vstack([found, normal])
-        return [rotation @ normal for normal in found[:_STARTS]]
+        return list(found[:_STARTS])
 
     def deepest(
-        self, shape: coal.ShapeBase, mine: coal.Transform3s, pose: coal.Transform3s, normal: Array, away: Array
+        self, shape: coal.ShapeBase, mine: coal.Transform3s, normal: Array, away: Array
     ) -> tuple[Deepest, Array] | None:
         """The overlap, from a guess of its normal (3,) and of a shift (3,) that clears the part; None if none does.
 
@@ -138,13 +137,13 @@ class MeshSurface:
         """
         sides: list[Side] = []
         found: Deepest | None = None
-        further, rotation = CLEAR, pose.getRotation()
+        further = CLEAR
         for _ in range(_ROUNDS):
             length = float(np.linalg.norm(away))
-            model, index = self._towards((away / length if length > 0.5 * CLEAR else normal) @ rotation)
-            gap, side = self._nearest(shape, mine, pose, away, model, index)
+            model, index = self._towards(away / length if length > 0.5 * CLEAR else normal)
+            gap, side = self._nearest(shape, mine, away, model, index)
             if gap < 0.2 * CLEAR:  # not clear yet of that triangle
-                away, further = away + further * (rotation @ self.normals[side.triangle]), 2 * further
+                away, further = away + further * self.normals[side.triangle], 2 * further
                 continue
             sides = [*[one for one in sides if _across_a_hollow(one, side)][-2:], side]
             found, clear = _shortest(sides, 0.0), _shortest(sides, CLEAR)
@@ -201,17 +200,10 @@ class MeshSurface:
         return self._facing[key]
 
     def _nearest(
-        self,
-        shape: coal.ShapeBase,
-        mine: coal.Transform3s,
-        pose: coal.Transform3s,
-        shift: Array,
-        model: coal.BVHModelBase,
-        index: IntArray,
+        self, shape: coal.ShapeBase, mine: coal.Transform3s, shift: Array, model: coal.BVHModelBase, index: IntArray
     ) -> tuple[float, Side]:
         """Distance [m] from a part to the object moved by ``shift`` (3,), and the side there, of the object unmoved."""
-        result, rotation = self.result, pose.getRotation()
-        moved = coal.Transform3s(rotation, pose.getTranslation() + shift)
+        result, moved = self.result, coal.Transform3s(_UNTURNED, shift)
         for request in (self.request, self.plain):
             result.clear()
             gap = float(coal.distance(shape, mine, model, moved, request, result))
@@ -219,7 +211,7 @@ class MeshSurface:
             if np.isfinite(own).all() and np.isfinite(other).all():
                 break
         triangle = int(index[max(result.b1, result.b2)])  # the primitive of a shape is -1
-        normal: Array = (other - own) / gap if gap > 0.1 * CLEAR else rotation @ self.normals[triangle]
+        normal: Array = (other - own) / gap if gap > 0.1 * CLEAR else self.normals[triangle]
         return gap, Side(normal, float(normal @ shift) - gap, other - shift, triangle)
 
 
