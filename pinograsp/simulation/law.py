@@ -31,6 +31,8 @@ from pinograsp.spatial import Array, BoolArray, IntArray
 _LINES = 2000  # that stand for the curve of a measured law
 _GRAZING = 0.1  # share of the part's largest depth, below which a point counts less
 _POINTED = 16  # power of that share by which a point counts where one contact is planned, or around its place
+_LEAST = 1e-300  # divides what is zero anyway
+_NEXT, _LAST, _SUM = np.array([1, 2, 0]), np.array([2, 0, 1]), np.ones(3)
 _REACH, _LEAST_REACH = 0.125, 1e-4  # of such a place, as share of the distance to the next one; [m]
 
 
@@ -106,36 +108,6 @@ class Pressing:
     normal: Array
 
 
-class _PartForces(NamedTuple):
-    """Sums over the points of each part of the hand (p parts), or of those that touch.
-
-    Attributes:
-        normal: F_n (p,) [N].
-        damping: the share of F_n that comes from lambda (p,) [N].
-        tangential: friction forces (p, 3) [N].
-        moment: about the normal (p,) [N m].
-    """
-
-    normal: Array
-    damping: Array
-    tangential: Array
-    moment: Array
-
-
-class _PartSpeeds(NamedTuple):
-    """Velocities of each of the h parts that touch, relative to the object.
-
-    Attributes:
-        rate: of the depth (h,) [m/s].
-        across: tangential (h, 3) [m/s].
-        spin: about the normal (h,) [rad/s].
-    """
-
-    rate: Array
-    across: Array
-    spin: Array
-
-
 class _Places(NamedTuple):
     """Where several contacts of one part are planned: points (q, 3) in the object's frame [m], and half of their
     inverse squared reach (q,) [1/m^2].
@@ -196,12 +168,13 @@ class ContactForces:
         self.counts: Array = np.maximum(np.asarray(counts, dtype=float), 1.0)
         self.places = {i: _Places.of(own) for i, own in enumerate(places) if len(own) > 1}
         p = len(self.counts)
+        self.parts = np.arange(p)[:, None]
         self.z, self.phi = np.zeros((p, 3)), np.zeros(p)
         self.elastic = self.damped = self.slipped = self.normal_work = 0.0
         self.slip = np.zeros(p)
         self._stored = 0.0  # energy in the tangential springs
         self._turned: Array | None = None  # the object's rotation at the last step
-        self._before = _PartForces(np.zeros(p), np.zeros(p), np.zeros((p, 3)), np.zeros(p))  # at the last step
+        self._before: Array = np.zeros((p, 6))  # forces at the last step, see _account
 
     def drop_shallower(self, touches: Touches) -> Touches:
         """Keep only the deepest geometry of parts with one planned contact: the others would add forces."""
@@ -224,12 +197,9 @@ class ContactForces:
             self._release()
             return Pressing(_NO_VECTORS, _NO_VECTORS, _NO_VALUES)
         part, n, depth = touches.part, touches.normal_o, touches.depth
-        here = np.flatnonzero(np.bincount(part, minlength=len(self.counts)))
-        of = part == here[:, None]  # (h, c): which points belong to which part
-        which = of.argmax(axis=0)
-        counts = self.counts[here]
-        weights = self._weigh(touches, pose, here, of, which)
-        share = counts[which] * weights.sum(axis=0)
+        of = (self.parts == part).astype(float)  # (p, c): which points belong to which part
+        weights, counts = self._weigh(touches, pose, of), self.counts.take(part)
+        share = counts * weights
 
         rate = _dot(touches.velocity_o, n)
         raised = depth**self.rho if self.table is None else _interpolate(self.table, 1, depth)
@@ -237,58 +207,59 @@ class ContactForces:
 
         # The springs of parts that touch follow the surfaces. A point's share of them is that of its pressure: they
         # would creep if those that hardly press slipped again and again, while others can hold.
-        pressure = weights.sum(axis=0) * raised
-        weights = of * (pressure / np.maximum((of @ pressure)[which], 1e-300))
-        gripping = counts[which] * weights.sum(axis=0)
-        axis = weights @ n
-        axis /= np.sqrt(_dot(axis, axis))[:, None]
-        across, spin = weights @ (touches.velocity_o - rate[:, None] * n), weights @ touches.spin
-        z = self.z[here] + dt * across
+        pressure = weights * raised
+        grip = pressure / np.maximum((of @ pressure).take(part), _LEAST)
+        gripping, mean = counts * grip, of * grip
+        axis = mean @ n
+        axis /= np.sqrt(np.maximum(_dot(axis, axis), _LEAST))[:, None]
+        across, spin = mean @ (touches.velocity_o - rate[:, None] * n), mean @ touches.spin
+        z = self.z + dt * across
         z -= _dot(z, axis)[:, None] * axis
-        phi = self.phi[here] + dt * spin
-        arm = cross(axis[which], touches.point_o - (weights @ touches.point_o)[which])
-        stretched = z[which] + phi[which][:, None] * arm
+        phi = self.phi + dt * spin
+        arm = cross(axis.take(part, 0), touches.point_o - (mean @ touches.point_o).take(part, 0))
+        stretched = z.take(part, 0) + phi.take(part)[:, None] * arm
         stretched -= _dot(stretched, n)[:, None] * n
         tangential = (self.kt * gripping)[:, None] * stretched
         length = np.sqrt(_dot(tangential, tangential))
-        ratio = np.minimum(1.0, self.mu[part] * normal / np.maximum(length, 1e-300))
+        ratio = np.minimum(1.0, self.mu.take(part) * normal / np.maximum(length, _LEAST))
         tangential *= ratio[:, None]
-        twisting, normal_of = self.kt * self.torsion**2 * counts, of @ normal
-        twist = np.clip(twisting * phi, -self.torsion * normal_of, self.torsion * normal_of)
+        twisting, normal_of = self.kt * self.torsion**2 * self.counts, of @ normal
+        most = self.torsion * normal_of
+        twist = np.minimum(np.maximum(twisting * phi, -most), most)
 
-        # The springs' new state, by the forces that friction allows; the difference has slipped.
+        # The springs' new state, by the forces that friction allows; the difference has slipped. Parts that do not
+        # touch have no spring.
         pulled = of @ tangential
-        left = pulled / (self.kt * counts)[:, None]
+        left = pulled / (self.kt * self.counts)[:, None]
         stiff = self.kt * (of @ (gripping * _dot(arm, arm))) + twisting
         around = of @ _dot(tangential, arm) + twist
-        turned = np.divide(around, stiff, out=np.zeros(len(here)), where=stiff > 1e-12)
+        turned = np.divide(around, stiff, out=np.zeros(len(stiff)), where=stiff > 1e-12)
         if ratio.min() < 1.0:
             gone = z - left
-            self.slip[here] += np.sqrt(_dot(gone, gone)) * ((of * ratio).sum(axis=1) < of.sum(axis=1))
-        self.z[:], self.phi[:] = 0.0, 0.0  # parts that do not touch have no spring
-        self.z[here], self.phi[here] = left, turned
+            self.slip += np.sqrt(_dot(gone, gone)) * (of @ (ratio < 1.0) > 0.0)
+        self.z, self.phi = left, turned
 
         pressed = share * self.K * raised
-        springs = 0.5 * float(self.kt * counts @ _dot(left, left) + stiff @ (turned * turned))
-        part_forces = _PartForces(normal_of, normal_of - of @ pressed, pulled, around)
-        self._account(here, part_forces, _PartSpeeds(weights @ rate, across, spin), springs, dt)
+        springs = 0.5 * float(self.kt * self.counts @ _dot(left, left) + stiff @ (turned * turned))
+        forces = _side_by_side(normal_of, normal_of - of @ pressed, pulled, around)
+        deepening = mean @ rate
+        self._account(forces, _side_by_side(deepening, deepening, across, spin), springs, dt)
         self.elastic = self._compress(share, raised, depth) + springs
-        moment = (twist[which] * normal / np.maximum(normal_of[which], 1e-300))[:, None] * n
+        moment = (twist.take(part) * normal / np.maximum(normal_of.take(part), _LEAST))[:, None] * n
         return Pressing(normal[:, None] * n + tangential, moment, normal)
 
-    def _weigh(self, touches: Touches, pose: Array | None, here: IntArray, of: BoolArray, which: IntArray) -> Array:
-        """Weights (h, c) of the points of each part that touches, see :meth:`press`; those of a part sum to one."""
+    def _weigh(self, touches: Touches, pose: Array | None, of: Array) -> Array:
+        """Weights (c,) of the points, see :meth:`press`; those of a part sum to one."""
         # A grazing point has little weight, so that the forces at the others do not jump when it appears or vanishes.
-        deepest = np.where(of, touches.depth, 0.0).max(axis=1)
-        near = np.minimum(1.0, touches.depth / (_GRAZING * deepest[which]))
-        near = np.where(self.single[touches.part], (touches.depth / deepest[which]) ** _POINTED, near)
-        weights: Array = of * (near * (1.0 / (of @ near))[which])
-        if pose is not None:
-            for row, one in enumerate(here.tolist()):
-                if one in self.places and (mine := np.flatnonzero(of[row])).size > 1:
-                    weights[row, mine] = self.places[one].weights(
-                        (touches.point_o[mine] - pose[:3, 3]) @ pose[:3, :3], touches.depth[mine] / deepest[row]
-                    )
+        part = touches.part
+        relative = touches.depth / (of * touches.depth).max(axis=1).take(part)
+        near = np.where(self.single.take(part), relative**_POINTED, np.minimum(1.0, relative / _GRAZING))
+        weights: Array = near / (of @ near).take(part)
+        if pose is not None and self.places:
+            points = (touches.point_o - pose[:3, 3]) @ pose[:3, :3]
+            for one, places in self.places.items():
+                if (mine := (part == one).nonzero()[0]).size > 1:
+                    weights[mine] = places.weights(points[mine], relative[mine])
         return weights
 
     def _compress(self, share: Array, raised: Array, depth: Array) -> float:
@@ -306,26 +277,26 @@ class ContactForces:
     def _release(self) -> None:
         """Relax all springs; the energy in the tangential ones counts as slipped."""
         if self.elastic:
-            self.z[:], self.phi[:] = 0.0, 0.0
-            for forces in self._before:
-                forces[:] = 0.0
+            self.z, self.phi, self._before = 0.0 * self.z, 0.0 * self.phi, 0.0 * self._before
             self.slipped += self._stored
             self.elastic = self._stored = 0.0
 
-    def _account(self, here: IntArray, forces: _PartForces, speeds: _PartSpeeds, springs: float, dt: float) -> None:
-        """Add the work of a step: the mean of the forces at its two ends, times the distance at these speeds."""
-        means = []
-        for now, before in zip(forces, self._before):
-            means.append(0.5 * (now + before[here]))
-            before[:] = 0.0
-            before[here] = now
-        mean = _PartForces(*means)
-        self.normal_work += dt * float(mean.normal @ speeds.rate)
-        self.damped += dt * float(mean.damping @ speeds.rate)
-        self.slipped += dt * float(_dot(mean.tangential, speeds.across).sum() + mean.moment @ speeds.spin) - (
-            springs - self._stored
-        )
-        self._stored = springs
+    def _account(self, forces: Array, speeds: Array, springs: float, dt: float) -> None:
+        """Add the work of a step: the mean of the forces at its two ends, times the distance at these speeds.
+
+        Args:
+            forces: of the parts (p, 6): F_n, the share of it that comes from lambda, friction, and moment about the
+                normal [N, N m].
+            speeds: against the object, as the forces: of the depth (twice), tangential, and about the normal.
+            springs: energy in the tangential springs now [J].
+            dt: of the step [s].
+        """
+        work = 0.5 * dt * ((forces + self._before) * speeds).sum(axis=0)
+        pressed, damped, *rubbed = work.tolist()
+        self.normal_work += pressed
+        self.damped += damped
+        self.slipped += sum(rubbed) - (springs - self._stored)
+        self._before, self._stored = forces, springs
 
 
 def _refine(table: Array) -> Array:
@@ -347,14 +318,16 @@ def _interpolate(table: Array, row: int, depth: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products of rows (c, 3): for few rows several times faster than NumPy's."""
-    out = np.empty_like(b)
-    out[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
-    out[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
-    out[:, 2] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return out
+    """Cross products of rows (..., 3): for few rows several times faster than NumPy's."""
+    products: Array = a.take(_NEXT, -1) * b.take(_LAST, -1) - a.take(_LAST, -1) * b.take(_NEXT, -1)
+    return products
 
 
 def _dot(a: Array, b: Array) -> Array:
-    products: Array = (a * b).sum(axis=1)
+    products: Array = (a * b) @ _SUM
     return products
+
+
+def _side_by_side(normal: Array, damping: Array, tangential: Array, turning: Array) -> Array:
+    """Columns (p,), (p,), (p, 3) and (p,) as one array (p, 6)."""
+    return np.concatenate([normal[:, None], damping[:, None], tangential, turning[:, None]], axis=1)

@@ -65,6 +65,7 @@ class MujocoEngine:
         self.torques: Array = np.zeros(hand.n)
         self.friction: Array = np.zeros(hand.n)
         self.most_friction: Array = np.zeros(hand.n) if joint_friction is None else np.array(joint_friction)
+        self.rubs = bool(self.most_friction.any())
         self.servoed: Array = np.where(servo.stiffness > 0, 1.0, 0.0)
         self.gain: Array = np.where(servo.stiffness > 0, servo.stiffness, 1.0)
         model = self.model
@@ -117,23 +118,21 @@ class MujocoEngine:
             self.displacements.put(data.xmat.reshape(-1, 3, 3).copy(), data.xpos.copy())
         if self.collider is not None:
             return self._touches_of_surface(self.collider)
-        contact = data.contact
         if not data.ncon:
             return NO_TOUCHES
-        overlapping = np.flatnonzero(contact.dist[: data.ncon] < 0)
+        contact = data.contact
+        overlapping = (contact.dist < 0).nonzero()[0]
         if not overlapping.size:
             return NO_TOUCHES
-        geoms = contact.geom[overlapping]
-        bodies = model.geom_bodyid[geoms]
-        normal = contact.frame[overlapping][:, :3].copy()  # from the first geom to the second
-        swapped = bodies[:, 0] == self.object
-        normal[swapped] *= -1
-        body = np.where(swapped, bodies[:, 1], bodies[:, 0])
-        depth = -contact.dist[overlapping]
+        first, second = contact.geom.take(overlapping, 0).T
+        swapped = model.geom_bodyid.take(first) == self.object
+        geometry = np.where(swapped, second, first)
+        # From the first geom to the second.
+        normal = contact.frame.take(overlapping, 0)[:, :3] * np.where(swapped, -1.0, 1.0)[:, None]
+        depth = -contact.dist.take(overlapping)
         # MuJoCo's point lies half-way between the surfaces.
-        point = contact.pos[overlapping] - 0.5 * depth[:, None] * normal
-        geometry = np.where(swapped, geoms[:, 1], geoms[:, 0])
-        return self._describe_touches(body, geometry, point, normal, depth)
+        point = contact.pos.take(overlapping, 0) - 0.5 * depth[:, None] * normal
+        return self._describe_touches(model.geom_bodyid.take(geometry), geometry, point, normal, depth)
 
     def _touches_of_surface(self, collider: Collider) -> Touches:
         """The points at which the hand overlaps an object that is not convex."""
@@ -148,14 +147,15 @@ class MujocoEngine:
         self, body: IntArray, geometry: IntArray, point: Array, normal: Array, depth: Array
     ) -> Touches:
         """Touches of MuJoCo's bodies, with their velocities relative to the object."""
-        model, data = self.model, self.data
-        mine, other = data.cvel[body], np.tile(data.cvel[self.object], (len(body), 1))
+        data = self.data
+        mine, other = data.cvel.take(body, 0), data.cvel[self.object]
         velocity = None if self.displacements is None else self.displacements.velocity(body, self.object, point)
         if velocity is None:
-            velocity = mine[:, 3:] + cross(mine[:, :3], point - data.subtree_com[model.body_rootid[body]])
-            velocity -= other[:, 3:] + cross(other[:, :3], point - data.subtree_com[self.object])
-        spin = ((mine[:, :3] - other[:, :3]) * normal).sum(axis=1)
-        return Touches(self.part_of_body[body], geometry, point, normal, depth, velocity, spin)
+            centre = data.subtree_com.take(self.model.body_rootid.take(body), 0)
+            velocity = mine[:, 3:] + cross(mine[:, :3], point - centre)
+            velocity -= other[3:] + cross(other[:3], point - data.subtree_com[self.object])
+        spin = ((mine[:, :3] - other[:3]) * normal).sum(axis=1)
+        return Touches(self.part_of_body.take(body), geometry, point, normal, depth, velocity, spin)
 
     def step(
         self, q: Array, dq: Array, feed_forward: Array, touches: Touches, pressing: Pressing, wrench_o: Array
@@ -177,10 +177,10 @@ class MujocoEngine:
         mujoco.mj_step2(self.model, data)
         torques: Array = data.actuator_force.copy()
         free = np.abs(torques) < self.limit if not self.followers else np.zeros(len(torques), dtype=bool)
-        if self.most_friction.any():
+        if self.rubs:
             self._rub(np.where(free, self.dt * servo.damping, 0.0))
         # Damping acts at the end of the step, except for motors at their limits and in hands with coupled joints.
-        torques[free] -= (servo.damping * (self.dq - before))[free]
+        torques -= free * servo.damping * (self.dq - before)
         self.torques = torques
 
     def _rub(self, implicit: Array) -> None:
@@ -232,14 +232,12 @@ class MujocoEngine:
         applied = data.xfrc_applied
         applied[:] = 0.0
         if touches.part.size:
-            body = self.body_of_part[touches.part]
-            force, at = pressing.force_o, touches.point_o
-            moment = cross(at - data.xipos[body], force) + pressing.moment_o
-            for i, b in enumerate(body):
-                applied[b, :3] -= force[i]
-                applied[b, 3:] -= moment[i]
-            applied[self.object, :3] = force.sum(axis=0)
-            applied[self.object, 3:] = (cross(at - data.xipos[self.object], force) + pressing.moment_o).sum(axis=0)
+            # On the hand's bodies the opposite of that on the object.
+            body = np.concatenate([self.body_of_part.take(touches.part), np.full(touches.part.size, self.object)])
+            force = np.concatenate([-pressing.force_o, pressing.force_o])
+            moment = np.concatenate([-pressing.moment_o, pressing.moment_o])
+            moment += cross(np.concatenate([touches.point_o] * 2) - data.xipos.take(body, 0), force)
+            np.add.at(applied, body, np.concatenate([force, moment], axis=1))
         applied[self.object] += wrench_o
         if self.followers:
             self._carry_to_leaders(touches, pressing)
@@ -259,13 +257,13 @@ class MujocoEngine:
     @property
     def q(self) -> Array:
         """Joint positions (n,) [rad, m]."""
-        q: Array = self.data.qpos[self.dofs]
+        q: Array = self.data.qpos.take(self.dofs)
         return q
 
     @property
     def dq(self) -> Array:
         """Joint rates (n,) [rad/s, m/s]."""
-        dq: Array = self.data.qvel[self.dofs]
+        dq: Array = self.data.qvel.take(self.dofs)
         return dq
 
     @property
