@@ -169,6 +169,7 @@ class ContactForces:
         self.places = {i: _Places.of(own) for i, own in enumerate(places) if len(own) > 1}
         p = len(self.counts)
         self.parts = np.arange(p)[:, None]
+        self.shearing, self.twisting = tangential * self.counts, tangential * torsion**2 * self.counts
         self.z, self.phi = np.zeros((p, 3)), np.zeros(p)
         self.elastic = self.damped = self.slipped = self.normal_work = 0.0
         self.slip = np.zeros(p)
@@ -203,49 +204,47 @@ class ContactForces:
 
         rate = _dot(touches.velocity_o, n)
         raised = depth**self.rho if self.table is None else _interpolate(self.table, 1, depth)
-        normal = share * np.maximum((self.lam * rate + self.K) * raised, 0.0)
+        pressed = share * raised * self.K
+        normal = np.maximum(share * raised * self.lam * rate + pressed, 0.0)
 
         # The springs of parts that touch follow the surfaces. A point's share of them is that of its pressure: they
         # would creep if those that hardly press slipped again and again, while others can hold.
         pressure = weights * raised
         grip = pressure / np.maximum((of @ pressure).take(part), _LEAST)
-        gripping, mean = counts * grip, of * grip
-        axis = mean @ n
+        gripping, sliding = self.kt * counts * grip, touches.velocity_o - rate[:, None] * n
+        means = (of * grip) @ _put_together(rate, rate, sliding, touches.spin, n, touches.point_o)
+        speeds, axis, centre = means[:, :6], means[:, 6:9], means[:, 9:]
         axis /= np.sqrt(np.maximum(_dot(axis, axis), _LEAST))[:, None]
-        across, spin = mean @ (touches.velocity_o - rate[:, None] * n), mean @ touches.spin
-        z = self.z + dt * across
+        z = self.z + dt * speeds[:, 2:5]
         z -= _dot(z, axis)[:, None] * axis
-        phi = self.phi + dt * spin
-        arm = cross(axis.take(part, 0), touches.point_o - (mean @ touches.point_o).take(part, 0))
+        phi = self.phi + dt * speeds[:, 5]
+        arm = cross(axis.take(part, 0), touches.point_o - centre.take(part, 0))
         stretched = z.take(part, 0) + phi.take(part)[:, None] * arm
         stretched -= _dot(stretched, n)[:, None] * n
-        tangential = (self.kt * gripping)[:, None] * stretched
+        tangential = gripping[:, None] * stretched
         length = np.sqrt(_dot(tangential, tangential))
         ratio = np.minimum(1.0, self.mu.take(part) * normal / np.maximum(length, _LEAST))
         tangential *= ratio[:, None]
-        twisting, normal_of = self.kt * self.torsion**2 * self.counts, of @ normal
-        most = self.torsion * normal_of
-        twist = np.minimum(np.maximum(twisting * phi, -most), most)
+        sums = of @ _put_together(
+            normal, normal - pressed, tangential, _dot(tangential, arm), gripping * _dot(arm, arm)
+        )
+        forces, most = sums[:, :6], self.torsion * sums[:, 0]
+        twist = np.minimum(np.maximum(self.twisting * phi, -most), most)
+        forces[:, 5] += twist
 
         # The springs' new state, by the forces that friction allows; the difference has slipped. Parts that do not
         # touch have no spring.
-        pulled = of @ tangential
-        left = pulled / (self.kt * self.counts)[:, None]
-        stiff = self.kt * (of @ (gripping * _dot(arm, arm))) + twisting
-        around = of @ _dot(tangential, arm) + twist
-        turned = np.divide(around, stiff, out=np.zeros(len(stiff)), where=stiff > 1e-12)
+        left, stiff = forces[:, 2:5] / self.shearing[:, None], sums[:, 6] + self.twisting
+        turned = np.divide(forces[:, 5], stiff, out=np.zeros(len(stiff)), where=stiff > 1e-12)
         if ratio.min() < 1.0:
             gone = z - left
             self.slip += np.sqrt(_dot(gone, gone)) * (of @ (ratio < 1.0) > 0.0)
         self.z, self.phi = left, turned
 
-        pressed = share * self.K * raised
-        springs = 0.5 * float(self.kt * self.counts @ _dot(left, left) + stiff @ (turned * turned))
-        forces = _side_by_side(normal_of, normal_of - of @ pressed, pulled, around)
-        deepening = mean @ rate
-        self._account(forces, _side_by_side(deepening, deepening, across, spin), springs, dt)
-        self.elastic = self._compress(share, raised, depth) + springs
-        moment = (twist.take(part) * normal / np.maximum(normal_of.take(part), _LEAST))[:, None] * n
+        springs = 0.5 * float(self.shearing @ _dot(left, left) + stiff @ (turned * turned))
+        self._account(forces, speeds, springs, dt)
+        self.elastic = self._compress(pressed, share, depth) + springs
+        moment = (twist.take(part) * normal / np.maximum(sums[:, 0].take(part), _LEAST))[:, None] * n
         return Pressing(normal[:, None] * n + tangential, moment, normal)
 
     def _weigh(self, touches: Touches, pose: Array | None, of: Array) -> Array:
@@ -262,10 +261,10 @@ class ContactForces:
                     weights[mine] = places.weights(points[mine], relative[mine])
         return weights
 
-    def _compress(self, share: Array, raised: Array, depth: Array) -> float:
+    def _compress(self, pressed: Array, share: Array, depth: Array) -> float:
         """Energy in the normal springs of points (c,) [J]."""
         if self.table is None:
-            return self.K * float((share * raised) @ depth) / (self.rho + 1)
+            return float(pressed @ depth) / (self.rho + 1)
         return self.K * float(share @ _interpolate(self.table, 2, depth))
 
     def _turn_along(self, rotation: Array) -> None:
@@ -287,7 +286,7 @@ class ContactForces:
         Args:
             forces: of the parts (p, 6): F_n, the share of it that comes from lambda, friction, and moment about the
                 normal [N, N m].
-            speeds: against the object, as the forces: of the depth (twice), tangential, and about the normal.
+            speeds: of the parts, against the object, alike: of the depth (twice), tangential, and about the normal.
             springs: energy in the tangential springs now [J].
             dt: of the step [s].
         """
@@ -328,6 +327,6 @@ def _dot(a: Array, b: Array) -> Array:
     return products
 
 
-def _side_by_side(normal: Array, damping: Array, tangential: Array, turning: Array) -> Array:
-    """Columns (p,), (p,), (p, 3) and (p,) as one array (p, 6)."""
-    return np.concatenate([normal[:, None], damping[:, None], tangential, turning[:, None]], axis=1)
+def _put_together(*columns: Array) -> Array:
+    """Columns (c,) and (c, 3) side by side."""
+    return np.concatenate([one if one.ndim == 2 else one[:, None] for one in columns], axis=1)

@@ -19,6 +19,9 @@ from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, IntArray
 
 
+_UNMOVED = np.eye(4)
+
+
 class _Follower(NamedTuple):
     """A coupled joint: q[dof] = factor * q of the joint that it follows + offset.
 
@@ -269,24 +272,18 @@ class MujocoEngine:
     @property
     def object_pose(self) -> Array:
         """Pose oMs (4, 4) of the object's shape, at its centre of mass."""
-        pose = np.eye(4)
+        pose = _UNMOVED.copy()
         i = self.object_q
         pose[:3, 3] = self.data.qpos[i : i + 3]
-        pose[:3, :3] = self._rotation()
+        mujoco.mju_quat2Mat(turned := np.empty(9), self.data.qpos[i + 3 : i + 7])
+        pose[:3, :3] = turned.reshape(3, 3)
         return pose
-
-    def _rotation(self) -> Array:
-        """Of the object (3, 3)."""
-        i = self.object_q
-        w, x, y, z = self.data.qpos[i + 3 : i + 7].tolist()
-        rotation: Array = pin.Quaternion(w, x, y, z).toRotationMatrix()
-        return rotation
 
     @property
     def object_twist(self) -> Array:
         """Velocity of the object's centre of mass and angular velocity (6,), world axes [m/s, rad/s]."""
         twist: Array = self.data.qvel[self.object_v : self.object_v + 6].copy()
-        twist[3:] = self._rotation() @ twist[3:]
+        mujoco.mju_rotVecQuat(twist[3:], twist[3:].copy(), self.data.qpos[self.object_q + 3 : self.object_q + 7])
         return twist
 
     def potential_energy(self) -> float:
