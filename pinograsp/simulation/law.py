@@ -202,7 +202,7 @@ class ContactForces:
         weights, counts = self._weigh(touches, pose, of), self.counts.take(part)
         share = counts * weights
 
-        rate = _dot(touches.velocity_o, n)
+        rate = dot(touches.velocity_o, n)
         raised = depth**self.rho if self.table is None else _interpolate(self.table, 1, depth)
         pressed = share * raised * self.K
         normal = np.maximum(share * raised * self.lam * rate + pressed, 0.0)
@@ -214,19 +214,19 @@ class ContactForces:
         gripping, sliding = self.kt * counts * grip, touches.velocity_o - rate[:, None] * n
         means = (of * grip) @ _put_together(rate, rate, sliding, touches.spin, n, touches.point_o)
         speeds, axis, centre = means[:, :6], means[:, 6:9], means[:, 9:]
-        axis /= np.sqrt(np.maximum(_dot(axis, axis), _LEAST))[:, None]
+        axis /= np.sqrt(np.maximum(dot(axis, axis), _LEAST))[:, None]
         z = self.z + dt * speeds[:, 2:5]
-        z -= _dot(z, axis)[:, None] * axis
+        z -= dot(z, axis)[:, None] * axis
         phi = self.phi + dt * speeds[:, 5]
         arm = cross(axis.take(part, 0), touches.point_o - centre.take(part, 0))
         stretched = z.take(part, 0) + phi.take(part)[:, None] * arm
-        stretched -= _dot(stretched, n)[:, None] * n
+        stretched -= dot(stretched, n)[:, None] * n
         tangential = gripping[:, None] * stretched
-        length = np.sqrt(_dot(tangential, tangential))
+        length = np.sqrt(dot(tangential, tangential))
         ratio = np.minimum(1.0, self.mu.take(part) * normal / np.maximum(length, _LEAST))
         tangential *= ratio[:, None]
         sums = of @ _put_together(
-            normal, normal - pressed, tangential, _dot(tangential, arm), gripping * _dot(arm, arm)
+            normal, normal - pressed, tangential, dot(tangential, arm), gripping * dot(arm, arm)
         )
         forces, most = sums[:, :6], self.torsion * sums[:, 0]
         twist = np.minimum(np.maximum(self.twisting * phi, -most), most)
@@ -238,10 +238,10 @@ class ContactForces:
         turned = np.divide(forces[:, 5], stiff, out=np.zeros(len(stiff)), where=stiff > 1e-12)
         if ratio.min() < 1.0:
             gone = z - left
-            self.slip += np.sqrt(_dot(gone, gone)) * (of @ (ratio < 1.0) > 0.0)
+            self.slip += np.sqrt(dot(gone, gone)) * (of @ (ratio < 1.0) > 0.0)
         self.z, self.phi = left, turned
 
-        springs = 0.5 * float(self.shearing @ _dot(left, left) + stiff @ (turned * turned))
+        springs = 0.5 * float(self.shearing @ dot(left, left) + stiff @ (turned * turned))
         self._account(forces, speeds, springs, dt)
         self.elastic = self._compress(pressed, share, depth) + springs
         moment = (twist.take(part) * normal / np.maximum(sums[:, 0].take(part), _LEAST))[:, None] * n
@@ -322,7 +322,8 @@ def cross(a: Array, b: Array) -> Array:
     return products
 
 
-def _dot(a: Array, b: Array) -> Array:
+def dot(a: Array, b: Array) -> Array:
+    """Scalar products of rows (c, 3)."""
     products: Array = (a * b) @ _SUM
     return products
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from pinograsp.simulation.dry_friction import stop_joints
 from pinograsp.simulation.geometry import object_shape
-from pinograsp.simulation.law import NO_TOUCHES, Displacements, Pressing, Touches, cross
+from pinograsp.simulation.law import NO_TOUCHES, Displacements, Pressing, Touches, cross, dot
 from pinograsp.simulation.overlaps import Collider
 from pinograsp.simulation.scene import build
 from pinograsp.simulation.settings import Servo
@@ -139,12 +139,12 @@ class MujocoEngine:
 
     def _touches_of_surface(self, collider: Collider) -> Touches:
         """The points at which the hand overlaps an object that is not convex."""
-        data, body = self.data, self.body_of_part[collider.joints]
-        rotations, object_rotation = data.xmat[body].reshape(-1, 3, 3), data.xmat[self.object].reshape(3, 3)
-        found = collider.collide(rotations, data.xpos[body], object_rotation, data.xpos[self.object])
+        data, body = self.data, self.body_of_part.take(collider.joints)
+        rotations, rotation = data.xmat.take(body, 0).reshape(-1, 3, 3), data.xmat[self.object].reshape(3, 3)
+        found = collider.collide(rotations, data.xpos.take(body, 0), rotation, data.xpos[self.object])
         if not found.depths.size:
             return NO_TOUCHES
-        return self._describe_touches(body[found.geometry], *found)
+        return self._describe_touches(body.take(found.geometry), *found)
 
     def _describe_touches(
         self, body: IntArray, geometry: IntArray, point: Array, normal: Array, depth: Array
@@ -157,7 +157,7 @@ class MujocoEngine:
             centre = data.subtree_com.take(self.model.body_rootid.take(body), 0)
             velocity = mine[:, 3:] + cross(mine[:, :3], point - centre)
             velocity -= other[3:] + cross(other[:3], point - data.subtree_com[self.object])
-        spin = ((mine[:, :3] - other[:3]) * normal).sum(axis=1)
+        spin = dot(mine[:, :3] - other[:3], normal)
         return Touches(self.part_of_body.take(body), geometry, point, normal, depth, velocity, spin)
 
     def step(

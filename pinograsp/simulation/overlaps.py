@@ -19,6 +19,7 @@ _NEAR = 2e-4  # [m] parts farther apart are skipped until they may have come clo
 _STILL = 1e-6  # [m] a part that touches is measured again when it has moved this far against the object
 _JUMP = 1e-3  # [m] a larger motion between two calls is a new placement: the last normal is of no use
 _FLUSH = 2e-6  # [m] corners of a hull this near to the plane of a face belong to it
+_ONCE, _TWICE = np.ones(12), np.full(12, 2.0)  # factors of sums
 _CORNERS = 8  # largest number of corners of a common area
 _MOST = 0.995  # of the depth: an area that is nowhere as deep lacks the deepest point
 
@@ -31,7 +32,8 @@ class _Planes(NamedTuple):
     Attributes:
         points: on the object's surface (c, 3) [m].
         normals: into the object (c, 3).
-        slopes: how the depths change with the placement (3, 4) of the joint that carries the geometry (c, 12).
+        slopes: how the depths change with the placement of the joint that carries the geometry: with the columns
+            (4, 3) of its rotation and its position (c, 12).
         heights: the depths are these plus slopes times placement (c,) [m].
     """
 
@@ -227,11 +229,11 @@ class Collider:
         ]
         self.joints, self.surface = np.array([part.joint for part in self.parts], dtype=int), surface
         self.centre, self.radius = np.array(surface.model.aabb_center), float(surface.model.aabb_radius)
-        # Placements (3, 4) of the joints times these are the points of a geometry about its middle, and that.
+        # From the columns of a joint's placement to how far its geometry turns about its middle, and that.
         self.levers = np.zeros((len(self.parts), 4, 4))
         for lever, part in zip(self.levers, self.parts):
             lever[:3, :3] = part.radius * np.sqrt(0.5) * np.eye(3)
-            lever[:, 3] = [*part.placement.act(part.centre), 1.0]
+            lever[3] = [*part.placement.act(part.centre), 1.0]
         # By these, where each part was when it was measured, and how far it may move from there.
         self.measured, self.allowed = np.zeros((len(self.parts), 12)), np.full(len(self.parts), -1.0)
         self._gather()
@@ -240,24 +242,25 @@ class Collider:
         """All overlaps, with the geometries' joints at rotations (g, 3, 3) and positions (g, 3), and the object at a
         rotation (3, 3) and a position (3,).
         """
-        placed = rotation.T @ np.concatenate([rotations, (positions - position)[:, :, None]], axis=2)
-        there = (placed @ self.levers).reshape(-1, 12)
+        # Placements in the object's frame, their columns as rows: one product for all.
+        columns = np.concatenate([rotations.transpose(0, 2, 1), (positions - position)[:, None]], axis=1)
+        placed = (columns.reshape(-1, 3) @ rotation).reshape(-1, 4, 3)
+        there = (self.levers @ placed).reshape(-1, 12)
         change = there - self.measured
-        moved = np.sqrt(2 * np.einsum("ij,ij->i", change, change))  # no point of the part has moved farther
-        due = np.flatnonzero(moved > self.allowed)
+        moved = np.sqrt((change * change) @ _TWICE)  # no point of the part has moved farther
+        due = (moved > self.allowed).nonzero()[0]
         for i in due:
             if moved[i] > self.allowed[i] + _JUMP:
                 self.parts[i].normal = None
-            self.allowed[i] = self._measure(self.parts[i], placed[i], there[i, 3::4])
+            self.allowed[i] = self._measure(self.parts[i], placed[i].T, there[i, 9:])
         if due.size:
             self.measured[due] = there[due]
             self._gather()
-        depths = self.planes.heights + np.einsum("ij,ij->i", placed.reshape(-1, 12)[self.owners], self.planes.slopes)
-        points, normals = self.planes.points @ rotation.T + position, self.planes.normals @ rotation.T
-        if depths.min(initial=1.0) > 0:
-            return Overlaps(self.owners, points, normals, depths)
-        own = depths > 0
-        return Overlaps(self.owners[own], points[own], normals[own], depths[own])
+        points, normals, slopes, heights = self.planes
+        depths = heights + (placed.reshape(-1, 12).take(self.owners, 0) * slopes) @ _ONCE
+        own = (depths > 0).nonzero()[0]
+        points, normals = points.take(own, 0) @ rotation.T + position, normals.take(own, 0) @ rotation.T
+        return Overlaps(self.owners.take(own), points, normals, depths.take(own))
 
     def _gather(self) -> None:
         """Put the points of all parts side by side."""
@@ -286,7 +289,7 @@ class Collider:
                 found = _common_area(own, others, deepest.point, normal, depth)
             points, depths = (np.array(one) for one in zip(*found))
             arms = np.column_stack([(points - joint[:, 3]) @ joint[:, :3], np.ones(len(points))])
-            slopes = (normal[:, None] * arms[:, None, :]).reshape(-1, 12)
+            slopes = (arms[:, :, None] * normal).reshape(-1, 12)
             part.planes = _Planes(points, np.tile(normal, (len(points), 1)), slopes, depths - points @ normal)
         return max(-depth - 0.5 * _NEAR, -0.5 * depth, _STILL)
 
