@@ -96,6 +96,15 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     )
 
 
+def multiply_rows(rows: Array, matrix: Array) -> Array:
+    """``rows @ matrix`` of many rows (..., n) and a small matrix (n, m), row by row.
+
+    In one product BLAS would wake all its threads, which then wait for more work longer than it takes.
+    """
+    products: Array = rows[..., None, :] @ matrix
+    return products[..., 0, :]
+
+
 def inverse_of(poses: Array) -> Array:
     """Inverses of homogeneous placements (..., 4, 4)."""
     poses = _numbers("placements", poses, 4, 4)

@@ -15,7 +15,7 @@ from pinograsp.checks import brief
 from pinograsp.errors import CarryInfeasible
 from pinograsp.forces import ForceProblem, TorqueLimits
 from pinograsp.forces.matrices import Matrices, elastic_reaction, matrices_of
-from pinograsp.spatial import Array, IntArray
+from pinograsp.spatial import Array, IntArray, multiply_rows
 
 _RANK, _BALANCED = 1e-9, 1e-7  # singular values, and parts of loads, below this share of the largest are none
 _FASTEST = 1e3  # [1/s] of the path parameter: a path in a millisecond
@@ -153,7 +153,7 @@ class PathConstraints:
         torque, of_hand = self.middle.torque, self.loaded.of_hand
         L = _follow_bias(self._bare, self.matrices.R_norm, len(of_hand))
         B = np.einsum("rn,mnj->mrj", L, torque.pairs(self.step)[:, of_hand])
-        still = torque.still[:, of_hand] @ L.T
+        still = multiply_rows(torque.still[:, of_hand], L.T)
         return B, self.matrices.R_lo - still, self.matrices.R_hi - still
 
     @cached_property
@@ -222,7 +222,7 @@ class PathConstraints:
         still = [one.still * scale for one in wrenches]
         A = np.concatenate([block_diag(*(one.A for one in each)), shares])
         E = np.concatenate([*(one.E for one in each), *(-C @ (pair - pairs[0]) for pair in pairs[1:])], axis=1)
-        e = np.concatenate([*(one.e for one in each), *((still[0] - one) @ C.T for one in still[1:])], axis=1)
+        e = np.concatenate([*(one.e for one in each), *(multiply_rows(still[0] - one, C.T) for one in still[1:])], axis=1)
         # Forces along the normals of parallel surfaces are balanced by normal forces alone: said twice.
         kept = _find_independent(A)
 

@@ -22,7 +22,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord
-from pinograsp.spatial import Array, IntArray
+from pinograsp.spatial import Array, IntArray, multiply_rows
 
 
 class Linear(NamedTuple):
@@ -208,12 +208,12 @@ class LoadedRobot:
     def _measure_wrench(self, acceleration: Array, v: Array) -> Array:
         """On the object (..., 6), about its planned centre of mass, by how the joint that carries it moves (..., 6)."""
         inertia = self.jMo.act(self.inertia).matrix()
-        momentum, force = v @ inertia, acceleration @ inertia
+        momentum, force = multiply_rows(v, inertia), multiply_rows(acceleration, inertia)
         force[..., :3] += np.cross(v[..., 3:], momentum[..., :3])
         force[..., 3:] += np.cross(v[..., 3:], momentum[..., 3:]) + np.cross(v[..., :3], momentum[..., :3])
-        found = force @ self.jMo.inverse().toDualActionMatrix().T
+        found = multiply_rows(force, self.jMo.inverse().toDualActionMatrix().T)
         found[..., 3:] -= np.cross(self.body.com_o, found[..., :3])
-        return np.asarray(found)
+        return found
 
     def keep_arm_joints(self, path: ArmPath) -> ArmPath:
         """A path without the columns of the fingers, which hold, and of coupled joints, which follow."""

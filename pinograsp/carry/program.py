@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pinograsp.contacts import Friction
-from pinograsp.spatial import Array, BoolArray, IntArray
+from pinograsp.spatial import Array, BoolArray, IntArray, multiply_rows
 
 _SMALL = 1e-300
 
@@ -121,7 +121,7 @@ class CarryProgram:
         """
         p, each = y[self.nodes], x.reshape(self.count, self.k, -1)
         size = max(float(np.abs(self.e).max(initial=0.0)), float(self.least.max()), 1e-6)
-        balance = np.abs(x @ self.A.T - np.einsum("nbj,nj->nb", self.E, p) - self.e)
+        balance = np.abs(multiply_rows(x, self.A.T) - np.einsum("nbj,nj->nb", self.E, p) - self.e)
         normal, slide = each[..., -1], self.friction.gauge(each[..., :-1])
         forces = (balance, self.beyond_rows(x, y), slide - normal, self.least - normal, normal - self.most)
         limits = (np.einsum("nrj,nj->nr", self.C, p) - self.c, y[self.free] / self.top[self.free] - 1.0)
@@ -131,7 +131,7 @@ class CarryProgram:
 
     def beyond_rows(self, x: Array, y: Array) -> Array:
         """How far the rows of R (m,) are beyond their limits at most, below zero where they are within them."""
-        rows = x @ self.R.T + np.einsum("nmj,nj->nm", self.B, y[self.nodes])
+        rows = multiply_rows(x, self.R.T) + np.einsum("nmj,nj->nm", self.B, y[self.nodes])
         return np.asarray(np.maximum(rows - self.high, self.low - rows).max(axis=0))
 
     def rows_that_may_bind(self, share: float) -> BoolArray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from pinograsp.carry.conic import Multipliers, stack_cones
 from pinograsp.carry.program import CarryProgram, CarrySolution, measure_times
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, multiply_rows
 
 __all__ = ["solve_carry"]
 
@@ -106,7 +106,7 @@ def _certify(
         (low * ends[0]).sum() - (high * ends[1]).sum() - (balance * program.e).sum() - (pairs * program.c).sum()
     )
     # Forces: where w . x is least, F_n is as small or as large as can be.
-    w = balance @ program.A + used @ program.R
+    w = multiply_rows(balance, program.A) + multiply_rows(used, program.R)
     if program.weights is not None:
         w = w + program.weights * x
         bound -= 0.5 * float((program.weights * x**2).sum())

@@ -25,7 +25,7 @@ from pinograsp.checks import brief
 from pinograsp.errors import CarryInfeasible, CarryUndecided
 from pinograsp.forces.matrices import elastic_reaction
 from pinograsp.forces.solve.conic import Cone, cone_rows, solve
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, multiply_rows
 
 _BALANCED = 1e-6  # error of what was found, over the largest load
 _PROOF = 1e-6  # of a ray that rules forces out, over what it gains
@@ -165,7 +165,7 @@ class _CommonProgram:
         self.size = max(float(np.abs(wanted).max()), 1e-9)
         self.A, self.target = lines[0].A, wanted / self.size
         C = elastic_reaction(problem)
-        self.change = -(wrenches - wrenches[0, 0]) @ C.T / self.size
+        self.change = -multiply_rows(wrenches - wrenches[0, 0], C.T) / self.size
         moved = np.stack([line.B.sum(axis=2) * level for line in lines])
         low, high = (np.stack([getattr(line, end) for line in lines]) - moved for end in ("low", "high"))
         if own := self.matrices.fixed:  # what the drives make they make once: the rest is the fingers' own reaction
