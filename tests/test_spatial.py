@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
-from pinograsp.spatial import rotation_rpy, skew, tangent_frame
+from pinograsp.spatial import multiply_rows, rotation_rpy, skew, tangent_frame
 
 directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
 
@@ -34,3 +34,9 @@ def test_skew_is_the_cross_product(a, b):
 @given(st.tuples(*[st.floats(-3, 3)] * 3))
 def test_rpy_is_the_fixed_axis_convention(rpy):
     assert np.allclose(rotation_rpy(*rpy), Rotation.from_euler("xyz", rpy).as_matrix())
+
+
+def test_rows_times_a_matrix():
+    rng = np.random.default_rng(0)
+    rows, matrix = rng.normal(size=(3, 500, 6)), rng.normal(size=(6, 4))
+    np.testing.assert_allclose(multiply_rows(rows, matrix), np.einsum("abi,ij->abj", rows, matrix), atol=1e-13)

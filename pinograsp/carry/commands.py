@@ -14,7 +14,7 @@ from pinograsp.errors import PinograspError, Status
 from pinograsp.forces import ConvexSolution, optimize_forces
 from pinograsp.motion import MotionSpec, plan_motion, torque_limits
 from pinograsp.plan import Motion
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, multiply_rows
 
 _NEAR = 1e-4  # relative, of the normal forces that a hand closes to
 _GIVING = 1e-2  # joints that move a contact less than this, over the largest, do not press it
@@ -137,7 +137,7 @@ class Commands:
         drag, damping = along @ free, _FREELY * np.linalg.norm(along, 2)
         # Damped: what hardly moves contacts would have to go far.
         deeper -= free @ np.linalg.solve(drag.T @ drag + damping**2 * np.eye(free.shape[1]), drag.T @ along @ deeper)
-        return np.asarray(depths @ deeper.T)
+        return multiply_rows(depths, deeper.T)
 
     def _press(self, local: Array, torsion: Array) -> Array:
         """Torques of all joints (N, n) with J^T f of the fingers [N m or N]."""

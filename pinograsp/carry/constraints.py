@@ -222,7 +222,9 @@ class PathConstraints:
         still = [one.still * scale for one in wrenches]
         A = np.concatenate([block_diag(*(one.A for one in each)), shares])
         E = np.concatenate([*(one.E for one in each), *(-C @ (pair - pairs[0]) for pair in pairs[1:])], axis=1)
-        e = np.concatenate([*(one.e for one in each), *(multiply_rows(still[0] - one, C.T) for one in still[1:])], axis=1)
+        e = np.concatenate(
+            [*(one.e for one in each), *(multiply_rows(still[0] - one, C.T) for one in still[1:])], axis=1
+        )
         # Forces along the normals of parallel surfaces are balanced by normal forces alone: said twice.
         kept = _find_independent(A)
 

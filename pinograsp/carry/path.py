@@ -212,6 +212,10 @@ def _cubic(s: Array, q: Array, ends: str | tuple[tuple[int, Array], tuple[int, A
     """The cubic spline through waypoints."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
+            if len(s) == 3 and ends == "not-a-knot":  # for that parabola SciPy wakes all of BLAS's threads
+                (before, after), (first, last) = np.diff(s), np.diff(q, axis=0) / np.diff(s)[:, None]
+                bend = (last - first) / (s[2] - s[0])
+                ends = (1, first - bend * before), (1, last + bend * after)
             spline = CubicSpline(s, q, bc_type=ends)
         except ValueError:  # numbers beyond all use
             spline = None

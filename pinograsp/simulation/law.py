@@ -225,9 +225,7 @@ class ContactForces:
         length = np.sqrt(dot(tangential, tangential))
         ratio = np.minimum(1.0, self.mu.take(part) * normal / np.maximum(length, _LEAST))
         tangential *= ratio[:, None]
-        sums = of @ _put_together(
-            normal, normal - pressed, tangential, dot(tangential, arm), gripping * dot(arm, arm)
-        )
+        sums = of @ _put_together(normal, normal - pressed, tangential, dot(tangential, arm), gripping * dot(arm, arm))
         forces, most = sums[:, :6], self.torsion * sums[:, 0]
         twist = np.minimum(np.maximum(self.twisting * phi, -most), most)
         forces[:, 5] += twist
