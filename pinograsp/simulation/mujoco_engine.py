@@ -18,7 +18,6 @@ from pinograsp.simulation.surface import MeshSurface
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, IntArray
 
-
 _UNMOVED = np.eye(4)
 
 
