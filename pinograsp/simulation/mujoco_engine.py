@@ -271,7 +271,7 @@ class MujocoEngine:
     @property
     def object_pose(self) -> Array:
         """Pose oMs (4, 4) of the object's shape, at its centre of mass."""
-        pose = _UNMOVED.copy()
+        pose: Array = _UNMOVED.copy()
         i = self.object_q
         pose[:3, 3] = self.data.qpos[i : i + 3]
         mujoco.mju_quat2Mat(turned := np.empty(9), self.data.qpos[i + 3 : i + 7])
