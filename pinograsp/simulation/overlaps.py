@@ -137,7 +137,7 @@ def _common_area(
         surface = pieces[0].over(area)
         depths = mine.over(area) - surface
         found = [(point + axes @ [*at, z], float(deep)) for at, z, deep in zip(area, surface, depths) if deep > -_STILL]
-    if max((deep for _, deep in found), default=0.0) < _MOST * depth:
+    if max((deep for _, deep in found), default=-_STILL) < _MOST * depth:
         found.append((point, depth))
     return found
 

@@ -60,6 +60,20 @@ def test_a_peg_in_a_channel_touches_nothing_until_it_reaches_a_wall():
         np.testing.assert_allclose(np.sort(at[:, 2]), [-0.015, 0.015], atol=1e-7)
 
 
+def test_depths_follow_motions_of_less_than_a_micrometre():
+    """A capsule beside a wall, then in it, tilted by as little: closed forms at the ends of its straight part."""
+    body, origin = prism(CHANNEL, OF_CHANNEL)
+    made = engine(coal.Capsule(RADIUS, 0.03), body)
+    assert touching(made, origin + [0.0180009, 0.03, 0.0]).part.size == 0
+    for depth, tilt in ((2e-7, 0.0), (6e-7, 0.0), (6e-7, 1e-5), (3e-7, -1e-5)):
+        R = pin.exp3(np.array([0.0, tilt, 0.0]))
+        wall = CENTRE - [RADIUS - depth, 0.0, 0.0]
+        made.place(np.zeros(1), np.zeros(1), pose(R, wall - R @ (origin + [0.008, 0.03, 0.0])))
+        seen = made.touches()
+        assert seen.depth.size == 2
+        np.testing.assert_allclose(seen.depth, depth + tilt * (seen.point_o[:, 2] - CENTRE[2]), atol=1e-9)
+
+
 def test_the_other_wall_of_a_tight_channel_does_not_hide_the_one_that_is_touched():
     body, origin = prism(CHANNEL, OF_CHANNEL)
     for radius in (0.0119, 0.01198):  # of 12 mm
