@@ -22,7 +22,7 @@ from pinograsp.forces import ForceProblem
 from pinograsp.hands.humanoid import FINAL_ANGLES_DEG
 from pinograsp.objects import Cylinder
 from pinograsp.spatial import pose_of, tangent_frame
-from pinograsp.viz.raster import render_surfaces
+from pinograsp.viz.raster import render_bands
 
 # The same examples every time, and no clock in the verdict.
 settings.register_profile("deterministic", derandomize=True, deadline=None)
@@ -197,9 +197,7 @@ def no_rendering(monkeypatch):
     In pictures of grasps no surface is drawn.
     """
     monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: Image.new("1", (1, 1)).save(path))
-    monkeypatch.setattr(
-        "pinograsp.viz.still.render_surfaces", lambda surfaces, camera, up: render_surfaces([], camera, up)
-    )
+    monkeypatch.setattr("pinograsp.viz.still.render_bands", lambda surfaces, *others: render_bands([], *others))
 
 
 @pytest.fixture

@@ -11,7 +11,6 @@ from typing import Literal
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.integrate import cumulative_trapezoid
 
 from pinograsp.checks import array_of, flag, floats_of, instance_of, items_of, mapping_of, number, one_of, text_of
 from pinograsp.errors import InvalidInput
@@ -19,6 +18,7 @@ from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array
 from pinograsp.viz.style import (
     NotebookFigure,
+    PanelLayout,
     contact_colours,
     finger_colours,
     grid,
@@ -93,7 +93,7 @@ def _per_finger(plan: PlanRecord, values: Array, ylabel: str) -> Figure:
         raise InvalidInput("figure: expected a plan in which joints move, got one in which none moves")
     columns = min(3, len(fingers))
     rows = -(-len(fingers) // columns)
-    figure = NotebookFigure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
+    figure = NotebookFigure(figsize=(4.2 * columns, 3.6 * rows), layout=PanelLayout())
     panels = np.ravel(figure.subplots(rows, columns, squeeze=False))
     for axes in panels[len(fingers) :]:
         axes.set_axis_off()
@@ -122,7 +122,7 @@ def joint_torques(plan: PlanRecord, finger: str) -> Figure:
     instance_of("plan", plan, PlanRecord)
     dofs = plan.layout.fingers[one_of("finger", finger, plan.layout.fingers)]
     times, torques, impact = plan.motion.times, plan.motion.torques[:, dofs], plan.motion.impact
-    figure = NotebookFigure(figsize=(9.6, 3.9), layout="constrained")
+    figure = NotebookFigure(figsize=(9.6, 3.9), layout=PanelLayout())
     complete, early = figure.subplots(1, 2)
     _joint_lines(complete, plan, finger, times, torques)
     _phases(complete, plan)
@@ -144,7 +144,7 @@ def contact_forces(plan: PlanRecord) -> Figure:
     lead = (phases.final_time - phases.impact_time) / 5
     drawn = plan.motion.times >= phases.impact_time - lead
     times = plan.motion.times[drawn]
-    figure = NotebookFigure(figsize=(10.4, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(10.4, 4.2), layout=PanelLayout())
     force, depth = figure.subplots(1, 2)
     _contact_lines(force, plan, times, plan.forces.normal_history[drawn])
     # Until it is released at t_F something else carries the object: its weight counts from there.
@@ -176,10 +176,11 @@ def grasp_energy(plan: PlanRecord) -> Figure:
     impact = plan.motion.impact
     times, rates = plan.motion.times[impact:], plan.forces.rates[impact:]
     forces = (1 + plan.law.exponent) * plan.forces.normal_history[impact:]
-    figure = NotebookFigure(figsize=(10.4, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(10.4, 4.2), layout=PanelLayout())
     labels = ("grasp energy as work, Eq. (9):\nrho + 1 times the contacts' work [mJ]", "as impulse, Eq. (11) [N s]")
     for axes, power, ylabel, scale in zip(figure.subplots(1, 2), (forces * rates, forces), labels, (1e3, 1.0)):
-        grown = scale * cumulative_trapezoid(power, times, axis=0, initial=0.0)
+        steps = np.diff(times)[:, None] * (power[1:] + power[:-1]) / 2
+        grown = scale * np.vstack([np.zeros(power.shape[1]), np.cumsum(steps, axis=0)])
         _contact_lines(axes, plan, times, grown)
         axes.plot(times, grown.sum(axis=1), color="0.2", linewidth=2.0, label="all")
         axes.set(ylabel=ylabel, xlabel="time [s]", xlim=(times[0], times[-1]))
@@ -196,7 +197,7 @@ def friction_use(plan: PlanRecord) -> Figure:
     limit = plan.friction.mu * forces[:, :, 2]
     pressed = limit > 1e-3 * limit.max()  # at negligible normal forces the share is meaningless
     share = np.where(pressed, np.hypot(forces[:, :, 0], forces[:, :, 1]) / np.where(pressed, limit, 1.0), np.nan)
-    figure = NotebookFigure(figsize=(6.4, 4.0), layout="constrained")
+    figure = NotebookFigure(figsize=(6.4, 4.0), layout=PanelLayout())
     axes = figure.subplots()
     drawn = times >= plan.forces.impact_time
     _contact_lines(axes, plan, times[drawn], 100 * share[drawn])
@@ -226,7 +227,7 @@ def wrench_margin(plan: PlanRecord) -> Figure:
     if plan.reach is None:
         raise InvalidInput("figure: expected a plan with its margins by direction, got one without: plan.with_reach()")
     directions, margins = plan.reach.directions, plan.reach.forces
-    figure = NotebookFigure(figsize=(11.4, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(11.4, 4.2), layout=PanelLayout())
     planes = (("x", "y"), ("x", "z"), ("y", "z"))
     for axes, plane, along, reach in zip(figure.subplots(1, 3), planes, directions, margins):
         points = (reach[:, None] * along)[:, ["xyz".index(axis) for axis in plane]]
@@ -236,10 +237,8 @@ def wrench_margin(plan: PlanRecord) -> Figure:
         axes.plot(0, 0, "+", color="0.2")
         axes.set(xlabel=f"force along {plane[0]} [N]", ylabel=f"force along {plane[1]} [N]")
         grid(axes)
-    figure.suptitle(
-        "Disturbing forces on the centre of mass that friction can hold besides the load (gravity along -z)",
-        fontsize=10,
-    )
+    told = "Disturbing forces on the centre of mass that friction can hold besides the load (gravity along -z)"
+    figure.axes[0].text(0, 1.02, told, transform=figure.axes[0].transAxes, va="bottom", fontsize=10)
     return figure
 
 
@@ -251,7 +250,7 @@ def search_over_time(plan: PlanRecord) -> Figure:
         raise InvalidInput("figure: expected a plan of search='convex'; the grids prove no bounds")
     unit, scale = {"work": ("mJ", 1e3), "impulse": ("N s", 1.0)}[plan.measure]
     start, end, bound, best = certificate.branches.T * [[1.0], [1.0], [scale], [scale]]
-    figure = NotebookFigure(figsize=(10.4, 4.2), layout="constrained")
+    figure = NotebookFigure(figsize=(10.4, 4.2), layout=PanelLayout())
     bounds, gap = figure.subplots(1, 2)
     known = np.isfinite(bound)
     bounds.hlines(

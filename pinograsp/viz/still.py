@@ -10,14 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
-from scipy.ndimage import gaussian_filter, zoom
 
 from pinograsp.checks import array_of, flag, instance_of, integer, number, path_of
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, BoolArray
 from pinograsp.viz.outlines import draw_arrow, draw_ball
-from pinograsp.viz.raster import Camera, Layer, Surface, average_blocks, fit_camera, overlay, render_surfaces
+from pinograsp.viz.raster import Camera, Layer, Surface, average_blocks, find_covered, fit_camera, overlay, render_bands
 from pinograsp.viz.scene import ViewScene, make_scene
 from pinograsp.viz.scene_meshes import BALL, LOAD, make_arrows
 from pinograsp.viz.solids import make_surfaces, sample_cloud
@@ -30,6 +29,7 @@ _FOV = np.radians(28.0)
 _CLEAR = 0.5  # opacity of the object where it faces the camera
 _HIDDEN = 0.3  # opacity of forces behind the hand
 _SOFT = 4  # how many times coarser shadows are drawn
+_BLUR = 2.5  # standard deviation of their blur, in coarse pixels
 _OUTLINE = 0.45  # how much darker pixels are where one solid ends before another
 _LEVEL = 0.02  # of a direction: nearer to gravity's line it has no side of its own
 _VIEWS = ("front", "back", "side", "top")
@@ -226,9 +226,10 @@ def _forces(scene: ViewScene, frame: int) -> list[Surface]:
 
 
 def _shadow(scene: ViewScene, camera: Camera, surfaces: Sequence[Surface]) -> Array:
-    """How dark the ground is (h, w), from 0 to 1, under a light from above."""
+    """How dark the ground is at each pixel of the picture (h, w), from 0 to 1, under a light from above."""
+    size = (camera.height // _FINER, camera.width // _FINER)
     if camera.eye @ scene.up < scene.ground:
-        return np.zeros((camera.height, camera.width))
+        return np.zeros(size)
     light = scene.up + 0.25 * camera.axes[0]
     flat = [
         Surface(
@@ -239,9 +240,18 @@ def _shadow(scene: ViewScene, camera: Camera, surfaces: Sequence[Surface]) -> Ar
         for one in surfaces
     ]
     coarse = Camera(camera.eye, camera.axes, camera.focal / _SOFT, camera.width // _SOFT, camera.height // _SOFT)
-    dark = gaussian_filter(render_surfaces(flat, coarse, scene.up).drawn.astype(float), 2.5)
-    fine: Array = zoom(dark, _SOFT, order=1)
-    return 0.22 * fine
+    dark = find_covered(flat, coarse).astype(np.float32)
+    down, across = (_soften(fine, rough) for fine, rough in zip(size, dark.shape))
+    shadow: Array = 0.22 * (down @ dark @ across.T)
+    return shadow
+
+
+def _soften(fine: int, coarse: int) -> Array:
+    """Weights (fine, coarse) of coarse pixels in a row, at finer ones, that blur them."""
+    places, middles = (np.arange(fine) + 0.5) * coarse / fine, np.arange(coarse) + 0.5
+    weights = np.exp(-0.5 * ((places[:, None] - middles) / _BLUR) ** 2).astype(np.float32)
+    soft: Array = weights / weights.sum(axis=1, keepdims=True)
+    return soft
 
 
 def _image(
@@ -251,38 +261,37 @@ def _image(
 
     Drawn in bands, to save memory.
     """
-    rows = np.linspace(0, 1 if fading else 0, camera.height)
+    rows = np.linspace(0, 1 if fading else 0, camera.height, dtype=np.float32)[:, None, None]
+    ground = (1 - rows) + rows * np.array([0.90, 0.92, 0.945], np.float32)
     images, depths = list[Array](), list[Array]()
-    for first in range(0, camera.height, _BAND):
+    firsts = range(0, camera.height, _BAND)
+    # With one more on either side: edges are seen beside others.
+    bands = [(max(first - _FINER, 0), min(first + _BAND + _FINER, camera.height)) for first in firsts]
+    layers = [render_bands(part, camera, up, bands) for part in parts]
+    for first, (low, high), hand, thing, forces in zip(firsts, bands, *layers):
+        light = np.repeat(1 - shadow[low // _FINER : -(-high // _FINER)], _FINER, axis=0)[: high - low]
+        image = _compose(hand, thing, forces, ground[low:high] * np.repeat(light, _FINER, axis=1)[..., None])
         last = min(first + _BAND, camera.height)
-        # With one more on either side: edges are seen beside others.
-        low, high = max(first - _FINER, 0), min(last + _FINER, camera.height)
-        band = camera._replace(rows=(low, high))
-        hand, thing, forces = (render_surfaces(part, band, up) for part in parts)
-        image = _compose(hand, thing, forces, shadow[low:high], rows[low:high, None, None])
         images.append(image[(first - low) // _FINER : len(image) - (high - last) // _FINER])
         depths.append(hand.near[first - low : last - low : _FINER, ::_FINER])
     return np.concatenate(images), np.concatenate(depths)
 
 
-def _compose(hand: Layer, thing: Layer, forces: Layer, shadow: Array, rows: Array) -> Array:
-    """Some rows of the picture (h, w, 3), from 0 to 1; ``rows``: how dark their ground is, from 0 to 1."""
-    image = (1 - rows) * [1.0, 1.0, 1.0] + rows * [0.90, 0.92, 0.945]
-    image = image * (1 - shadow[..., None])
-    drawn = hand.drawn
-    image[drawn] = hand.colour[drawn]
-    image *= 1 - _OUTLINE * _edges(hand)[..., None]
+def _compose(hand: Layer, thing: Layer, forces: Layer, image: Array) -> Array:
+    """Some rows of the picture (h, w, 3), from 0 to 1, drawn upon the ground there, ``image``."""
+    np.copyto(image, hand.colour, where=hand.drawn[..., None])
+    image[_edges(hand)] *= np.float32(1 - _OUTLINE)
     overlay(image, hand, thing, forces, _CLEAR, _HIDDEN)
     return average_blocks(image, _FINER)
 
 
-def _edges(layer: Layer) -> Array:
-    """Where a surface ends before another one or the background (h, w), 0 or 1."""
-    edges = np.zeros(layer.near.shape)
-    for axis in (0, 1):
-        for step in (1, -1):
-            beside, behind = np.roll(layer.surface, step, axis), np.roll(layer.near, step, axis)
-            edges[(beside != layer.surface) & (layer.near > behind) & layer.drawn] = 1.0
+def _edges(layer: Layer) -> BoolArray:
+    """Where a surface ends before another one or the background (h, w)."""
+    edges = np.zeros(layer.near.shape, dtype=bool)
+    for one, beside in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        differ, nearer = layer.surface[one] != layer.surface[beside], layer.near[one] > layer.near[beside]
+        edges[one] |= differ & nearer
+        edges[beside] |= differ & (layer.near[one] < layer.near[beside])
     return edges
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
@@ -12,8 +13,11 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import LayoutEngine
+from matplotlib.transforms import BboxBase
 
 from pinograsp.words import printable
 
@@ -22,6 +26,66 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 _FINGERS = COLOURS[:6]  # black is the load
 # Fingers of these names have the same colour in every figure of every hand.
 _KNOWN = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4, "pinky": 4, "palm": 5}
+_PAD = 0.04  # between panels and what is around them [inch]
+_NUMBERS = 7  # intervals of an axis
+
+
+class PanelLayout(LayoutEngine):
+    """Makes room for what panels have around them: numbers, names of axes, notes, and legends above.
+
+    In one pass, since :func:`grid` fixes how many numbers an axis has: Matplotlib's own engines take two, and look
+    at each curve, which takes as long as the drawing.
+    """
+
+    _adjust_compatible = True
+    _colorbar_gridspec = True
+
+    def execute(self, fig: Figure) -> None:
+        """Place the panels of a figure, which are one of its grids."""
+        room: dict[str, Counter[int]] = {side: Counter() for side in ("left", "right", "bottom", "top")}
+        for axes in fig.axes:
+            place, inner = axes.get_subplotspec(), axes.bbox
+            if place is None:
+                continue
+            beside = [axes.xaxis, axes.yaxis, *([legend] if (legend := axes.get_legend()) else [])]
+            boxes = [box for one in beside if axes.axison and (box := one.get_tightbbox()) is not None]
+            sides = (
+                ("left", place.colspan.start, [inner.x0 - box.x0 for box in boxes]),
+                ("right", place.colspan.stop, [box.x1 - inner.x1 for box in boxes]),
+                ("top", place.rowspan.start, [box.y1 - inner.y1 for box in [*boxes, *_above(axes)]]),
+                ("bottom", place.rowspan.stop, [inner.y0 - box.y0 for box in boxes]),
+            )
+            for side, at, needs in sides:
+                room[side][at] = max([room[side][at], *needs])
+        pad = _PAD * fig.dpi
+        across = _divide(room["left"], room["right"], pad, fig.bbox.width)
+        down = _divide(room["top"], room["bottom"], pad, fig.bbox.height)
+        if across and down:
+            (left, right, wide), (top, bottom, high) = across, down
+            fig.subplots_adjust(left=left, right=right, wspace=wide, top=1 - top, bottom=1 - bottom, hspace=high)
+
+
+def _above(axes: Axes) -> list[BboxBase]:
+    """Boxes of texts that begin above the panel."""
+    boxes = [text.get_window_extent() for text in axes.texts]
+    return [box for box in boxes if box.y0 >= axes.bbox.y1]
+
+
+def _divide(before: Counter[int], after: Counter[int], pad: float, length: float) -> tuple[float, float, float] | None:
+    """Where the first panel begins and the last one ends, over the figure's length, and what is between two, over their
+    own; None where there is no room.
+
+    Args:
+        before: room that panels need before them, by the place in the grid where they begin.
+        after: and after them, by where they end.
+        pad: room between two, and twice that to the figure's edges.
+        length: of the figure.
+    """
+    count = max(after, default=0)
+    start, end = before[0] + pad, after[count] + pad
+    gap = max((before[i] + after[i] + 2 * pad for i in range(1, count)), default=0.0)
+    own = (length - start - end - (count - 1) * gap) / max(count, 1)
+    return (start / length, 1 - end / length, gap / own) if own > 0 else None
 
 
 class NotebookFigure(Figure):
@@ -31,15 +95,20 @@ class NotebookFigure(Figure):
     which nobody can do anything.
     """
 
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        FigureCanvasAgg(self)
+
     def savefig(self, *args: Any, **options: Any) -> None:
-        """As Matplotlib's, laid out once: with a layout engine Matplotlib draws every figure twice."""
+        """As Matplotlib's, laid out and drawn once: with a layout engine Matplotlib does either twice."""
         engine, dpi, asked = self.get_layout_engine(), self.dpi, options.get("dpi")
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", category=UserWarning)
             if engine is not None:
                 self.set_dpi(asked if isinstance(asked, int | float) else dpi)  # text is not quite as wide at another
                 engine.execute(self)
-                self.set_layout_engine("none")
+                with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+                    self.set_layout_engine(None)
             try:
                 super().savefig(*args, **options)
             finally:
@@ -101,7 +170,8 @@ def shades(colour: str, count: int) -> list[tuple[float, ...]]:
 
 
 def grid(axes: Axes) -> None:
-    """Thin lines, and numbers as they are: no offset that is added to them, and no factor."""
+    """Thin lines, and few numbers, as they are: no offset that is added to them, and no factor."""
+    axes.locator_params(nbins=_NUMBERS)
     axes.grid(alpha=0.3, linewidth=0.5)
     axes.ticklabel_format(useOffset=False, style="plain")
 
@@ -135,5 +205,5 @@ def save_all(figures: Mapping[str, Callable[[], Figure]], folder: str | Path) ->
     """Draw figures, by the names of their files, and write them into an existing folder; returns their paths."""
     paths = [Path(folder) / name for name in figures]
     for path, draw in zip(paths, figures.values()):
-        draw().savefig(path, dpi=130)
+        draw().savefig(path, dpi=130, pil_kwargs={"compress_level": 3})
     return paths
