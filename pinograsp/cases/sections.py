@@ -21,6 +21,7 @@ from pinograsp.contacts import (
 )
 from pinograsp.contacts.friction import default_friction
 from pinograsp.forces import ObjectiveName, available_solvers
+from pinograsp.forces.solve.solver_order import AT_HAND
 from pinograsp.hands.load import Masses
 from pinograsp.plan.parts import FRICTION_TRAITS
 from pinograsp.planner import Search
@@ -46,7 +47,7 @@ def _reasonable(value: float) -> float:
 
 
 def _there(name: str) -> str:
-    if name not in available_solvers():
+    if name not in AT_HAND and name not in available_solvers():
         raise ValueError(f"expected one of {', '.join(available_solvers())}")
     return name
 

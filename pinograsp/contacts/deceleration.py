@@ -15,7 +15,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import quad
 from scipy.interpolate import PPoly
 
 from pinograsp.checks import array_of, brief, floats_of, number, shorten, text_of
@@ -238,6 +237,8 @@ def _work_factor(shape: DecelerationShape, rho: float) -> float:
 
 def _power_integral(shape: DecelerationShape, rho: float, weight: Callable[[float], float]) -> float:
     """Integral of sigma^rho weight(dsigma/du) over u in [0, 1], sigma = depth / final depth; about 1e-13 relative."""
+    from scipy.integrate import quad
+
     sigma = PPoly(shape._depth.c / shape.depth_factor, shape._depth.x)
     pieces = zip(sigma.c.T.tolist(), sigma.derivative().c.T.tolist(), np.diff(sigma.x).tolist())
     parts = []

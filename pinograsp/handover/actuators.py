@@ -7,7 +7,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -53,7 +52,7 @@ def keyframes(times: Array, found: Controls, keys: Mapping[str, int]) -> list[st
     ]
     for name, i in sorted(keys.items(), key=lambda key: key[1]):
         values = {"time": times[i : i + 1]} | {kind: rows[i] for kind, rows in found.samples().items()}
-        attributes = " ".join(f"{k}={quoteattr(' '.join(map(repr, v.tolist())))}" for k, v in values.items() if v.size)
+        attributes = " ".join(f'{k}="{" ".join(map(repr, v.tolist()))}"' for k, v in values.items() if v.size)
         lines.append(f'<key name="{name}" {attributes}/>')
     return lines
 

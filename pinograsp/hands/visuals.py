@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.cluster.vq import kmeans2
-from scipy.spatial import cKDTree
 
 from pinograsp.checks import array_of, one_of, placement_of, text_of
 from pinograsp.errors import InvalidInput
@@ -247,12 +245,16 @@ def _resolver(folder: Path) -> Resolver:
 def _parts(vertices: Array, faces: IntArray, colours: Array, most: int) -> tuple[Part, ...]:
     """The mesh in parts of one colour, with about ``most`` triangles in all."""
     if len(faces) > most:
+        from scipy.spatial import cKDTree
+
         middles = vertices[faces].mean(axis=1)
         vertices, faces = simplify(vertices, faces, most)
         colours = colours[cKDTree(middles).query(vertices[faces].mean(axis=1))[1]]
     distinct, which = np.unique(colours, axis=0, return_inverse=True)
     which = which.ravel()
     if len(distinct) > _MOST_COLOURS:
+        from scipy.cluster.vq import kmeans2
+
         distinct, which = kmeans2(colours, _MOST_COLOURS, minit="++", seed=0)
     parts = []
     for i, colour in enumerate(distinct):

@@ -19,7 +19,6 @@ from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.options import AS_USUAL, PlanOptions
 from pinograsp.planner.planning import GraspTask
-from pinograsp.simulation import Disturbance, simulate
 from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 
@@ -124,6 +123,8 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) ->
 
 def _check(plan: GraspPlan) -> tuple[GraspPlan, bool]:
     """The plan with what its simulation says, and whether it was held."""
+    from pinograsp.simulation import Disturbance, simulate  # slow to import
+
     acceleration = 0.0 if plan.reserve is None else plan.reserve.force / plan.body_mass
     shake = _SHAKEN * acceleration * np.ones(3) / np.sqrt(3.0)
     try:

@@ -22,11 +22,11 @@ from pinograsp.forces import (
     grid_search,
     optimize_grasp,
     producible_reserve,
-    qp_solvers,
     reserve_along,
     search_reserve,
 )
 from pinograsp.forces.relaxation import Setup
+from pinograsp.forces.solve.solvers import check_qp_solver
 from pinograsp.hands import HandModel
 from pinograsp.motion import (
     PressingTogether,
@@ -139,7 +139,7 @@ def _search_grid(
     hand: HandModel, problem: ForceProblem, options: PlanOptions, progress: bool | None
 ) -> ForcesAndMotion:
     watch = _Stopwatch()
-    solver = one_of("solver of a grid", "daqp" if options.solver == "auto" else options.solver, qp_solvers())
+    solver = check_qp_solver("daqp" if options.solver == "auto" else options.solver, "solver of a grid")
     kind = one_of("search", options.search, SEARCHES)
     forces = grid_search(problem, options.grid, search=kind, solver=solver, progress=progress)
     refuse_failure(forces, explain_grid)

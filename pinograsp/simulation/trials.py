@@ -11,9 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import cloudpickle
-import joblib
-
 from pinograsp.checks import one_of
 from pinograsp.errors import InvalidInput, SimulationDiverged
 from pinograsp.plan import PlanRecord
@@ -68,6 +65,9 @@ def share_case(task: Task, options: SimulationOptions, jobs: int) -> Iterator[Ca
 
     Meshes are large: with a file, each process reads them only once.
     """
+    import cloudpickle
+    import joblib  # slow to import
+
     if joblib.effective_n_jobs(jobs) == 1:
         yield task, options
         return

@@ -20,8 +20,6 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cloudpickle
-import joblib
 import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
@@ -278,6 +276,8 @@ class _Run:
 
     def _pays(self, batches: int) -> bool:
         """Whether other processes, which take a while to start, are done with so many batches before this one is."""
+        import joblib  # slow to import
+
         jobs = min(joblib.effective_n_jobs(self.jobs), batches)
         if jobs < 2 or not self.done:
             return False
@@ -333,6 +333,8 @@ def _region(within: ArrayLike, body: Body) -> Region:
 
 def _in_a_file(case: SearchCase, path: Path) -> str:
     """Write the case to a file, for other processes; its name."""
+    import cloudpickle
+
     try:
         content = cloudpickle.dumps(replace(case, rough=case.hand))  # hulls are found again there
     except (pickle.PicklingError, TypeError, AttributeError) as error:

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from pinograsp.checks import one_of
 from pinograsp.errors import Status
 from pinograsp.forces.certificate import TOLERANCE, load_size_of
 from pinograsp.forces.grid import cells as g
@@ -29,7 +28,7 @@ from pinograsp.forces.grid.lattice import first_on_lattice
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import GridSolution
 from pinograsp.forces.solve.multipliers import MultiplierSolution, refine_multipliers
-from pinograsp.forces.solve.solvers import QPSolverName, qp_solvers
+from pinograsp.forces.solve.solvers import QPSolverName, check_qp_solver
 from pinograsp.spatial import Array, IntArray
 
 _PREFIXES = 2**20  # prefixes held at once: about 60 MB
@@ -217,7 +216,7 @@ def _search(
 ) -> GridSolution:
     """``limit``: largest norm of the residual that counts as balance [N]; None: the certificates' tolerance."""
     started = time.perf_counter()
-    one_of("solver", solver, qp_solvers())
+    check_qp_solver(solver)
     tables, rejections = tabulate(problem, grid)
     bar = g.progress_bar(sum(t.cost.size**problem.k for t in tables), f"{name} search", "cell", progress)
     least, _ = problem.normal_force_range(problem.impact_time_range[1])

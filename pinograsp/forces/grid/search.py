@@ -13,7 +13,7 @@ from pinograsp.forces.grid.pruned import hybrid_search, pruned_search
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import GridSolution
 from pinograsp.forces.solve.multipliers import refine_multipliers
-from pinograsp.forces.solve.solvers import QPSolverName, qp_solvers
+from pinograsp.forces.solve.solvers import QPSolverName, check_qp_solver
 
 GridSearch: TypeAlias = Literal["hybrid", "paper", "paper+qp"]
 GridMethod: TypeAlias = Literal["pruned", "brute"]
@@ -54,7 +54,7 @@ def grid_search(
     instance_of("grid", grid, GridSpec, type(None))
     instance_of("progress", progress, bool, type(None))
     one_of("search", search, SEARCHES)
-    one_of("solver", solver, qp_solvers())
+    check_qp_solver(solver)
     one_of("method", method, METHODS)
     bounded = problem.min_normal_force is not None or problem.max_normal_force is not None
     if not problem.friction.is_paper or bounded or problem.torques is not None:

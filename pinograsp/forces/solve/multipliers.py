@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp import core
-from pinograsp.checks import array_of, at_least_zero, brief, frozen, instance_of, one_of, read_only, shorten
+from pinograsp.checks import array_of, at_least_zero, brief, frozen, instance_of, read_only, shorten
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Certificate, load_size_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.solve.solvers import QPSolverName, qp_solvers, solve_qp
+from pinograsp.forces.solve.solvers import QPSolverName, check_qp_solver, solve_qp
 from pinograsp.spatial import Array
 
 # Weight of ||k||^2 against ||r||^2 (normalised by the largest column): selects the least-norm multipliers. Below 1e-10
@@ -63,7 +63,7 @@ def refine_multipliers(
         InvalidInput: negative or non-finite normal forces, or an unknown solver.
     """
     instance_of("problem", problem, ForceProblem)
-    one_of("solver", solver, qp_solvers())
+    check_qp_solver(solver)
     normal = at_least_zero("normal forces", array_of("normal forces", normal_forces, (problem.k,)))
     columns = problem.scaled_columns
     H = (columns[:, :, :2] * (problem.pyramid * normal)[None, :, None]).reshape(problem.rows, -1)

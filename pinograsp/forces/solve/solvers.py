@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import daqp
 import numpy as np
-import qpsolvers
 import scipy.sparse as sp
 
 from pinograsp.checks import one_of
 from pinograsp.forces.solve.registry import Answered, ask_solver, list_registered
 from pinograsp.forces.solve.standard_form import QuadraticProgram
 from pinograsp.spatial import Array, BoolArray
+
+if TYPE_CHECKING:
+    import qpsolvers
 
 # The defaults of ProxQP and OSQP (1e-3 to 1e-5) leave residuals that the certificates reject; below 1e-10 Clarabel
 # stops early on the nearly singular Hessian. OSQP's polishing is off, as it prints to stdout even without `verbose`.
@@ -51,7 +53,17 @@ _NO_INFINITY = ("ecos",)  # bounds that are infinite must not be handed to them
 
 def qp_solvers() -> tuple[str, ...]:
     """Names of all QP solvers that are there: those that qpsolvers finds, and registered ones that take QPs."""
+    import qpsolvers  # slow to import, and brings every solver that is there
+
     return (*qpsolvers.available_solvers, *list_registered("qp"))
+
+
+def check_qp_solver(name: object, what: str = "solver") -> str:
+    """``name`` if it is a QP solver that is there; else :class:`~pinograsp.errors.InvalidInput`.
+
+    DAQP is: the others are known to qpsolvers, which is slow to import.
+    """
+    return one_of(what, name, ("daqp",) if isinstance(name, str) and name == "daqp" else qp_solvers())
 
 
 def solve_qp(
@@ -71,6 +83,10 @@ def solve_qp(
     none = np.zeros((0, n)), np.zeros(0)
     rows = none if A is None or b is None else (A, b)
     low, high = np.full(n, -np.inf) if lb is None else lb, np.full(n, np.inf) if ub is None else ub
+    if solver == "daqp":
+        lower, upper = (np.concatenate([limit, rows[1]]) for limit in (low, high))
+        solved = solve_rows(solver, P, q, rows[0], lower, upper, len(rows[1]))
+        return None if solved is None else solved[0]
     qp = QuadraticProgram(P=P, q=q, G=none[0], h=none[1], A=rows[0], b=rows[1], lb=low, ub=high)
     found = _solve(solver, qp, only_found=True)
     return None if found is None else found.x
@@ -128,7 +144,9 @@ def _solve(solver: str, qp: QuadraticProgram, *, only_found: bool = False) -> An
     """The answer of a solver; None where it has none. ``only_found``: nor where it does not call it a solution."""
     if solver in list_registered():
         return ask_solver(solver, qp)
-    one_of("solver", solver, qp_solvers())
+    import qpsolvers
+
+    check_qp_solver(solver)
     try:
         found = solve_by_qpsolvers(solver, qp, state_qp(solver, qp), **TOLERANCES.get(solver, {}))
     except (qpsolvers.ProblemError, qpsolvers.SolverError):  # quadprog, ECOS: a Hessian that is nearly singular
@@ -141,6 +159,8 @@ def _solve(solver: str, qp: QuadraticProgram, *, only_found: bool = False) -> An
 
 def state_qp(solver: str, qp: QuadraticProgram) -> qpsolvers.Problem:
     """The QP as qpsolvers hands it to this solver without another conversion: sparse where it takes nothing else."""
+    import qpsolvers
+
     P, q, G, h, A, b, lb, ub = qp.matrices
     if solver in _NO_INFINITY:
         low, high, one = np.isfinite(qp.lb), np.isfinite(qp.ub), np.eye(len(qp.q))
@@ -155,6 +175,8 @@ def solve_by_qpsolvers(
     solver: str, qp: QuadraticProgram, problem: qpsolvers.Problem, **settings: Any
 ) -> qpsolvers.Solution:
     """qpsolvers' solution, whatever it says, of the QP and what :func:`state_qp` makes of it, with these settings."""
+    import qpsolvers
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what they remark on is judged elsewhere
         found = qpsolvers.solve_problem(problem, solver=solver, **settings)
