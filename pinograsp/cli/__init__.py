@@ -5,6 +5,7 @@ nobody reads what is printed.
 from __future__ import annotations
 
 import contextlib
+import gc
 import io
 import os
 import select
@@ -36,6 +37,7 @@ _UsageError: Any = typer.BadParameter.__base__  # of click, or of the copy of it
 
 def main() -> None:
     """Entry point: runs the command line and ends the process."""
+    gc.set_threshold(100_000)  # imports and figures make many objects that stay: looking through them takes its time
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed before the start
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115

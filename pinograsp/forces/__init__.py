@@ -14,6 +14,7 @@ from pinograsp.forces.robust.load_set import LoadSet
 from pinograsp.forces.robust.margins import (
     GraspMargins,
     disturbance_margin,
+    disturbance_margins,
     grasp_margins,
     load_factor,
 )
@@ -111,6 +112,7 @@ __all__ = [
     "available_solvers",
     "diagnose",
     "disturbance_margin",
+    "disturbance_margins",
     "force_closure",
     "force_sensitivity",
     "grasp_margins",

@@ -269,12 +269,16 @@ class HandModel:
         return self.model.joints[integer("joint", joint_id, at_least=0, at_most=self.model.njoints - 1)]
 
     def frame_placements(self, q: ArrayLike, names: Iterable[str]) -> Array:
-        """Placements oMf (len(names), 4, 4) of the named frames at ``q`` (n,) [rad]."""
-        data = self.model.createData()
-        pin.framesForwardKinematics(self.model, data, array_of("q", q, (self.n,)))
-        return np.array([data.oMf[self.frame_id(name)].homogeneous for name in items_of("frames", names, str)]).reshape(
-            -1, 4, 4
-        )
+        """Placements oMf (..., len(names), 4, 4) of the named frames at ``q`` (n,) or an array (f, n) [rad]."""
+        many = isinstance(q, np.ndarray) and q.ndim == 2
+        rows = array_of("q", q, (None, self.n)) if many else array_of("q", q, (self.n,))[None]
+        data, ids = self.model.createData(), [self.frame_id(name) for name in items_of("frames", names, str)]
+        found = np.empty((len(rows), len(ids), 4, 4))
+        for row, placements in zip(rows, found):
+            pin.framesForwardKinematics(self.model, data, row)
+            for i, frame in enumerate(ids):
+                placements[i] = data.oMf[frame].homogeneous
+        return found if many else found[0]
 
     def frame_id(self, name: str) -> int:
         """Pinocchio's index of a frame, of the link where a joint has the same name; unknown names are refused."""

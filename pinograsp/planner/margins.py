@@ -8,9 +8,10 @@ import numpy as np
 
 from pinograsp.checks import read_only
 from pinograsp.contacts.quality import ferrari_canny, grasp_map_metrics, grasp_stiffness
-from pinograsp.forces import ForceSolution, Reaction, disturbance_margin, force_closure, grasp_margins
+from pinograsp.forces import ForceSolution, Reaction, disturbance_margins, force_closure, grasp_margins
 from pinograsp.plan import PlanMargins, Reach, StiffnessBand
 from pinograsp.plan.parts import WEAK
+from pinograsp.spatial import Array
 
 _DIRECTIONS = 48  # around a plane, in which forces are looked for
 
@@ -62,20 +63,19 @@ def find_reach(solution: ForceSolution, reaction: Reaction) -> Reach:
     """Forces that may come on top of the load while the squeeze stays, around the planes xy, xz, yz."""
     problem = replace(solution.problem, friction=replace(solution.problem.friction, safety=1.0))
 
-    def margin(direction: np.ndarray) -> float:
-        held = disturbance_margin(
-            problem, np.append(direction, np.zeros(3)), normal_forces=solution.normal_forces, reaction=reaction
-        )
-        return max(0.0, held)  # forces on their limits leave nothing, and rounding of that may be less than nothing
+    def margins(directions: Array) -> Array:
+        wrenches = np.hstack([directions, np.zeros_like(directions)])
+        held = disturbance_margins(problem, wrenches, normal_forces=solution.normal_forces, reaction=reaction)
+        return np.maximum(0.0, held)  # forces on their limits leave nothing, and rounding may say less than nothing
 
-    reach = {(axis, sign): margin(sign * np.eye(3)[axis]) for axis in range(3) for sign in (1.0, -1.0)}
+    reach = np.stack([margins(np.eye(3)), margins(-np.eye(3))], axis=1)
     angles = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
     directions = np.zeros((3, _DIRECTIONS, 3))
     for plane, axes in enumerate(((0, 1), (0, 2), (1, 2))):
         for axis, share in zip(axes, (np.cos(angles), np.sin(angles))):
             # Denser where the set is thin: as on an ellipse that reaches as far.
-            size = np.where(share > 0, reach[axis, 1.0], reach[axis, -1.0])
-            directions[plane][:, axis] = share * np.maximum(size, 1e-3 * max(1e-3, *reach.values()))
+            size = np.where(share > 0, *reach[axis])
+            directions[plane][:, axis] = share * np.maximum(size, 1e-3 * max(1e-3, reach.max()))
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
-    forces = np.array([[margin(direction) for direction in plane] for plane in directions])
+    forces = margins(directions.reshape(-1, 3)).reshape(3, -1)
     return Reach(directions=read_only(directions), forces=read_only(forces))

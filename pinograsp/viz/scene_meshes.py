@@ -7,8 +7,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.mesh_file import triangles_of
@@ -162,12 +160,22 @@ def split_creases(vertices: Array, faces: IntArray, crease: float = _CREASE) -> 
         np.concatenate([first, after[first]]),
         np.concatenate([np.where(same, second, after[second]), np.where(same, after[second], second)]),
     )
-    count, label = connected_components(
-        coo_array((np.ones(len(links[0])), links), shape=(3 * m, 3 * m)), directed=False
-    )
-    split = np.empty((count, 3))
+    label = _find_groups(*links, 3 * m)
+    split = np.empty((label.max() + 1, 3))
     split[label] = vertices[start]
     return split, label.reshape(m, 3)
+
+
+def _find_groups(first: IntArray, second: IntArray, count: int) -> IntArray:
+    """Which group each of ``count`` things belongs to, numbered from 0, where ``first`` and ``second`` are the same."""
+    label = np.arange(count)
+    while np.any(label[first] != label[second]):
+        low, high = np.minimum(label[first], label[second]), np.maximum(label[first], label[second])
+        np.minimum.at(label, high, low)
+        while np.any(label != (nearer := label[label])):
+            label = nearer
+    groups: IntArray = np.unique(label, return_inverse=True)[1]
+    return groups
 
 
 def _weld(vertices: Array, faces: IntArray) -> Triangles:

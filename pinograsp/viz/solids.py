@@ -65,9 +65,7 @@ class Links:
 
     def poses(self, q: Array) -> Array:
         """(f, l, 7) at q (f, n)."""
-        return to_sevens(
-            np.array([self.hand.frame_placements(one, self.names) for one in q]).reshape(len(q), -1, 4, 4) @ self.back
-        )
+        return to_sevens(self.hand.frame_placements(q, self.names) @ self.back)
 
 
 def to_sevens(poses: Array) -> Array:

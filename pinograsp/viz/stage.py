@@ -78,7 +78,8 @@ class Stage:
     def frame(self) -> tuple[Array, Array]:
         """Centre of the scene (3,), and half its size to the right, upwards and along the view (3,) [m]."""
         axes = np.stack([self.right, np.cross(self.view, self.right), self.view])
-        low, high = (self.cloud @ axes.T).min(axis=0), (self.cloud @ axes.T).max(axis=0)
+        seen = axes @ self.cloud.T
+        low, high = seen.min(axis=1), seen.max(axis=1)
         return (low + high) / 2 @ axes, (high - low) / 2
 
 
@@ -104,10 +105,11 @@ def _view(up: Array, points: Array, normals: Array, samples: _Samples, com: Arra
     targets = np.vstack([points, com])
     radius = 0.06 * np.ptp(on_hand, axis=0).max(initial=1e-3)
     hidden = np.empty(len(views))
+    offset = on_hand[None] - targets[:, None]
+    squares = (offset**2).sum(axis=2)
     for i, view in enumerate(views):
-        offset = on_hand[None] - targets[:, None]
         depth = offset @ view
-        aside = (offset**2).sum(axis=2) - depth**2
+        aside = squares - depth**2
         # Half of a closed surface faces away, so it covers with half its area.
         covered = ((aside < radius**2) & (depth > 0.1 * radius)).sum(axis=1) * area / 2 / (np.pi * radius**2)
         hidden[i] = np.minimum(covered, 1.0).mean()

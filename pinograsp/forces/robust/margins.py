@@ -104,9 +104,9 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6, reaction:
     slip = (problem.mu * F - tangential) / np.hypot(1.0, problem.mu)
     program = _at(problem, F)
     springs = elastic_reaction(problem) if reaction == "elastic" else np.zeros((problem.k, problem.rows))
-    factor = np.inf if holds(program, _HELD) else 0.0
-    if np.any(program.b):
-        factor = 1.0 + _find_reach(program, program.b, springs)
+    factor = 0.0
+    if holds(program, _HELD):
+        factor = 1.0 + _find_reach(program, program.b, springs) if np.any(program.b) else np.inf
     program = _at(replace(problem, torques=None), F)
     ball = (
         _disturbances(program, tolerance)
@@ -165,10 +165,28 @@ def disturbance_margin(
     Raises:
         InvalidInput: a direction that is zero; both or neither of ``normal_forces`` and ``impact_time``.
     """
+    (margin,) = disturbance_margins(
+        problem,
+        array_of("direction", direction, (6,))[None],
+        normal_forces=normal_forces,
+        impact_time=impact_time,
+        reaction=reaction,
+    )
+    return float(margin)
+
+
+def disturbance_margins(
+    problem: ForceProblem,
+    directions: ArrayLike,
+    *,
+    normal_forces: ArrayLike | None = None,
+    impact_time: float | None = None,
+    reaction: Reaction = "friction",
+) -> Array:
+    """:func:`disturbance_margin` (m,) in each of some directions (m, 6); the load is looked at once."""
     instance_of("problem", problem, ForceProblem)
-    direction = array_of("direction", direction, (6,))
-    scaled = problem.scale_wrenches(direction)
-    if not np.any(scaled):
+    scaled = problem.scale_wrenches(array_of("directions", directions, (None, 6)))
+    if not np.all(np.any(scaled, axis=1)):
         raise InvalidInput("direction: expected a wrench that is not zero in the balance rows")
     if (normal_forces is None) == (impact_time is None):
         raise InvalidInput("margin: expected normal_forces (fixed) or impact_time (forces free), one of them")
@@ -177,23 +195,20 @@ def disturbance_margin(
         normal = at_least_zero("normal forces", array_of("normal forces", normal_forces, (problem.k,)))
         springs = elastic_reaction(problem) if reaction == "elastic" else np.zeros((problem.k, problem.rows))
         program = _at(problem, normal)
-        return _find_reach(program, -scaled / program.force_scale, springs)
     else:
+        springs = np.zeros((problem.k, problem.rows))
         program = feasibility(problem, *problem.normal_force_range(problem.checked_impact_time(impact_time)))
-        if np.any(program.lo > program.hi):
-            return -1.0
-    if not holds(program, _HELD):
-        return -1.0
-    return extreme_multiple(program, -scaled / program.force_scale, -1) or 0.0
+    if np.any(program.lo > program.hi) or not holds(program, _HELD):
+        return np.full(len(scaled), -1.0)
+    return np.array([_find_reach(program, -one / program.force_scale, springs) for one in scaled])
 
 
 def _find_reach(program: Program, column: Array, springs: Array) -> float:
-    """Largest s >= 0 with forces that balance b + s column at the program's F_n, or -1 where there are none at s = 0.
+    """Largest s >= 0 with forces that balance b + s column, at the program's F_n where that is fixed; it is held at
+    s = 0.
 
     ``springs`` (k, rows): change of F_n per unit of a wrench that is added to the load.
     """
-    if not holds(program, _HELD):
-        return -1.0
     if not np.any(springs):
         return extreme_multiple(program, column, -1) or 0.0
     n, size = program.k * program.d, float(np.linalg.norm(column))
