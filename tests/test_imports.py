@@ -112,6 +112,30 @@ def test_importing_the_package_changes_nothing_outside_it():
     assert done.stdout.strip() == "[]"
 
 
+# What a plan and its run folder do without; some of it takes longer to import than all of the plan.
+UNUSED = (
+    "trimesh",
+    "mujoco",
+    "joblib",
+    "qpsolvers",
+    "urllib.request",
+    "scipy.cluster",
+    "scipy.integrate",
+    "scipy.ndimage",
+)
+
+
+def test_a_plan_imports_nothing_that_it_does_without(tmp_path):
+    """The case of the paper, planned and written with its report and its figures."""
+    script = (
+        "import sys; from pinograsp.cli import run; code = run(); "
+        f"print(code, [name for name in {UNUSED} if name in sys.modules])"
+    )
+    command = [sys.executable, "-c", script, "plan", "paper", "--json", "--out", str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.stdout.splitlines()[-1] == "0 []", done.stderr
+
+
 @pytest.mark.slow
 def test_nothing_draws_that_was_not_asked_to():
     """Planning, carrying, judging: none of them waits for matplotlib."""

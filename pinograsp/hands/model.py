@@ -25,15 +25,7 @@ from pinograsp.checks import (
 )
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
-from pinograsp.hands.drives import (
-    ON_DRIVES,
-    ON_SPRINGS,
-    Drive,
-    Spring,
-    checked_drives,
-    checked_springs,
-    transmission,
-)
+from pinograsp.hands.drives import ON_DRIVES, ON_SPRINGS, Drive, Spring, checked_drives, checked_springs, transmission
 from pinograsp.hands.geometry import Shape
 from pinograsp.hands.hand_lines import beyond_effort, describe_hand
 from pinograsp.hands.mesh_file import pack_shapes, unpack_shapes
