@@ -13,7 +13,9 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import LayoutEngine
@@ -63,6 +65,19 @@ class PanelLayout(LayoutEngine):
         if across and down:
             (left, right, wide), (top, bottom, high) = across, down
             fig.subplots_adjust(left=left, right=right, wspace=wide, top=1 - top, bottom=1 - bottom, hspace=high)
+
+
+class GridLines(LineCollection):
+    """Lines at the numbers of both axes, as one artist: Matplotlib's own grid has several for each number."""
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw them where the numbers are by now."""
+        if (axes := self.axes) is not None:
+            (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+            upright = [[(x, low), (x, high)] for x in axes.get_xticks() if min(left, right) <= x <= max(left, right)]
+            level = [[(left, y), (right, y)] for y in axes.get_yticks() if min(low, high) <= y <= max(low, high)]
+            self.set_segments([*upright, *level])
+        super().draw(renderer)
 
 
 def _above(axes: Axes) -> list[BboxBase]:
@@ -172,7 +187,9 @@ def shades(colour: str, count: int) -> list[tuple[float, ...]]:
 def grid(axes: Axes) -> None:
     """Thin lines, and few numbers, as they are: no offset that is added to them, and no factor."""
     axes.locator_params(nbins=_NUMBERS)
-    axes.grid(alpha=0.3, linewidth=0.5)
+    axes.add_collection(
+        GridLines([], colors=mpl.rcParams["grid.color"], alpha=0.3, linewidths=0.5, zorder=1.5), autolim=False
+    )
     axes.ticklabel_format(useOffset=False, style="plain")
 
 
