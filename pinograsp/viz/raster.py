@@ -124,9 +124,13 @@ def render_bands(
     normals = np.concatenate([np.zeros((0, 3)), *(_normals(one) for one in surfaces)])
     linear = np.array([one.colour for one in surfaces]).reshape(-1, 3) ** _GAMMA
     for first, last in bands:
+        shape = (last - first, camera.width)
+        if not np.any((spans.row >= first) & (spans.row < last)):
+            nothing = np.broadcast_to(0.0, shape)
+            yield Layer(nothing, np.broadcast_to(0.0, (*shape, 3)), np.broadcast_to(-1, shape), nothing)
+            continue
         near, which = _find_nearest(spans, camera, (first, last))
-        shape = near.shape
-        colour, facing = np.zeros((*shape, 3), np.float32), np.zeros(shape)
+        colour, facing = np.zeros((*shape, 3), "f4"), np.zeros(shape)
         surface = np.full(shape, -1, np.int32)
         y, x = np.nonzero(which >= 0)
         if len(y):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pinograsp.checks import read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.mesh_file import triangles_of
 from pinograsp.hands.visuals import simplify
@@ -52,11 +54,9 @@ def triangulate(shape: Any, most: int = 1_000_000) -> Triangles:
     kind = type(shape).__name__
     if kind == "Box":
         return split_creases(*_box(np.ravel(shape.halfSide)))
-    if kind == "Sphere":
-        return split_creases(*_lathe(*_arc(shape.radius, 0.0)))
-    if kind == "Ellipsoid":
-        vertices, faces = split_creases(*_lathe(*_arc(1.0, 0.0)))
-        return vertices * np.ravel(shape.radii), faces
+    if kind in ("Sphere", "Ellipsoid"):
+        vertices, faces = ball()
+        return vertices * (shape.radius if kind == "Sphere" else np.ravel(shape.radii)), faces
     if kind == "Capsule":
         return split_creases(*_lathe(*_arc(shape.radius, shape.halfLength)))
     if kind == "Cylinder":
@@ -130,9 +130,12 @@ def make_arrows(points: Array, arrows: Sequence[Array], colours: Sequence[str], 
     return found
 
 
+@functools.cache
 def ball() -> Triangles:
-    """A sphere of radius 1 about the origin."""
-    return split_creases(*_lathe(*_arc(1.0, 0.0)))
+    """A sphere of radius 1 about the origin, read-only."""
+    vertices, faces = split_creases(*_lathe(*_arc(1.0, 0.0)))
+    faces.setflags(write=False)
+    return read_only(vertices), faces
 
 
 def split_creases(vertices: Array, faces: IntArray, crease: float = _CREASE) -> Triangles:
