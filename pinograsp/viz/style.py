@@ -29,6 +29,7 @@ _FINGERS = COLOURS[:6]  # black is the load
 # Fingers of these names have the same colour in every figure of every hand.
 _KNOWN = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4, "pinky": 4, "palm": 5}
 _PAD = 0.04  # between panels and what is around them [inch]
+_LETTER, _ENTRY = 0.064, 0.53  # width of a letter of legends, and of what is beside a name [inch]
 _NUMBERS = 7  # intervals of an axis
 
 
@@ -194,7 +195,15 @@ def grid(axes: Axes) -> None:
 
 
 def legend_above(axes: Axes, columns: int, title: str | None = None, colour: str = "black") -> None:
-    """Clear of the curves; ``colour``: of the title."""
+    """Clear of the curves, in at most so many columns as have room; ``colour``: of the title."""
+    figure, place = axes.get_figure(root=True), axes.get_subplotspec()
+    room = 0.0 if figure is None else figure.get_figwidth() / (1 if place is None else place.get_gridspec().ncols)
+    names = axes.get_legend_handles_labels()[1]
+    while (
+        columns > 1
+        and sum(_ENTRY + _LETTER * max(map(len, some), default=0) for some in np.array_split(names, columns)) > room
+    ):
+        columns -= 1
     legend = axes.legend(
         fontsize=8,
         loc="lower left",
