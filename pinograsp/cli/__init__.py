@@ -52,6 +52,7 @@ def main() -> None:
         # At once: after Ctrl-C in compiled code, an orderly exit could end by the signal instead, or crash.
         os._exit(130)
     signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # only clean-up is left
+    gc.freeze()  # or Python would look through all objects once more, to end
     raise SystemExit(code)
 
 
