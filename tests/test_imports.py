@@ -112,16 +112,14 @@ def test_importing_the_package_changes_nothing_outside_it():
     assert done.stdout.strip() == "[]"
 
 
-# What a plan and its run folder do without; some of it takes longer to import than all of the plan.
+# What a plan and its run folder do without (trimesh and scipy.ndimage come with yourdfpy).
 UNUSED = (
-    "trimesh",
     "mujoco",
     "joblib",
     "qpsolvers",
     "urllib.request",
     "scipy.cluster",
     "scipy.integrate",
-    "scipy.ndimage",
 )
 
 
