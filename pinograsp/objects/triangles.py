@@ -9,6 +9,7 @@ from pinograsp.spatial import Array, BoolArray, IntArray, cross
 
 _LEAF = 4  # triangles per leaf of the search tree: few enough to test them all, many enough to keep the tree shallow
 _FEW_PAIRS = 1_500  # of a point and a triangle, which all at once take less time than the tree
+_FEW_BOXES = 5_000  # of a point and a leaf, likewise
 _MOST_PAIRS = 1_000_000  # of a point and a box or triangle held at once; beyond, the points are split
 # Two nearest points within NO_DIRECTION of being equally near, seen at more than 135 degrees from each other, are on
 # opposite sides: a thin wall, an axis. Below that they are neighbours across an edge, and either will do.
@@ -117,6 +118,11 @@ class TriangleSurface:
         count = len(self._leaves)
         if k * count * _LEAF <= _FEW_PAIRS:
             point, node = np.repeat(np.arange(k), count), np.tile(np.arange(count), k)
+        elif k * count <= _FEW_BOXES:
+            low, high = self._boxes[-1]
+            away = np.maximum(np.abs(points[:, None] - low), np.abs(points[:, None] - high))
+            reach = _widen((away**2).sum(axis=2).min(axis=1))
+            point, node = np.nonzero(_squared_gap(points[:, None], low, high) <= reach[:, None])
         else:
             reach = self._first_guess(points)
             point, node = np.arange(k), np.zeros(k, dtype=int)
