@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
-from pinograsp.spatial import multiply_rows, rotation_rpy, skew, tangent_frame
+from pinograsp.spatial import cross, multiply_rows, rotation_rpy, skew, tangent_frame
 
 directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
 
@@ -40,3 +41,13 @@ def test_rows_times_a_matrix():
     rng = np.random.default_rng(0)
     rows, matrix = rng.normal(size=(3, 500, 6)), rng.normal(size=(6, 4))
     np.testing.assert_allclose(multiply_rows(rows, matrix), np.einsum("abi,ij->abj", rows, matrix), atol=1e-13)
+
+
+@pytest.mark.parametrize("shape", [(3,), (4, 3), (2000, 3), (5, 1, 3)])
+def test_cross_products_are_numpys(shape):
+    rng = np.random.default_rng(5)
+    a, b = (
+        rng.normal(size=shape),
+        rng.normal(size=(3 if len(shape) == 3 else 1, 3))[0 if len(shape) < 3 else slice(None)],
+    )
+    assert np.array_equal(cross(a, b), np.cross(a, b))

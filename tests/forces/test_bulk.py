@@ -1,5 +1,6 @@
 """One squeeze for many loads: reactions of springs, offsets of friction cones, multiples that are borne."""
 
+import secrets
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,15 @@ from random_grasps import contact_set_of
 from pinograsp.contacts import Friction
 from pinograsp.forces import ForceProblem, Reserve
 from pinograsp.forces.bulk.elastic import find_multiples, find_offsets, make_springs
-from pinograsp.forces.bulk.squeeze import MOST_MU, Grips, Holding, find_least_mu, hold_weight, squeeze
+from pinograsp.forces.bulk.squeeze import (
+    MOST_MU,
+    Grips,
+    Holding,
+    find_hopeless,
+    find_least_mu,
+    hold_weight,
+    squeeze,
+)
 from pinograsp.forces.matrices import elastic_reaction
 from pinograsp.forces.robust.margins import disturbance_margin
 from pinograsp.forces.robust.reserve_search import least_squeeze
@@ -105,6 +114,33 @@ def test_a_squeeze_bears_every_load_it_is_for(friction):
         least = least_squeeze(problem, reserve)
         assert least is not None and local[:own, -1].max() >= least.max() * (1 - 1e-6)
         assert (local[:own, -1] >= 0.05 * 9.81 * 0.15 * (1 - 1e-6)).all()
+
+
+@pytest.mark.parametrize("friction", MODELS, ids=NAMES)
+def test_what_is_proven_hopeless_has_no_squeeze(friction):
+    """By the full program; and what is told hopeless by it, at a high enough limit of F_n, is not all proven so."""
+    seed = secrets.randbelow(10**9)
+    rng, reserve, mu = np.random.default_rng(seed), Reserve(), 0.35
+    grips = around_a_ball(rng, 60, 4)
+    holding = Holding(friction=friction, mu=mu, weight=WEIGHT, cap=12.0)
+    wrenches = reserve.load_set(BALL, np.array([0, 0, -9.81])).loads - WEIGHT
+    changes = make_springs(grips.points, grips.rotations, grips.used, friction, wrenches).reactions().normal
+    hopeless = find_hopeless(grips, holding, reserve, wrenches, changes, 1)
+    assert 3 < hopeless.sum() < 60, seed
+    assert not squeeze(grips, holding, reserve, wrenches, 1)[0].found[hopeless].any(), seed
+    for i in np.flatnonzero(hopeless)[:6]:
+        own = grips.counts[i]
+        problem = ForceProblem(
+            contacts=contact_set_of(grips.points[i, :own], grips.rotations[i, :own, :, 2]),
+            load=WEIGHT,
+            mu=mu,
+            friction=friction,
+            object=BALL,
+            max_depth=1.0,
+            max_normal_force=12.0,
+            acceleration_range=(1e-9, 1e4),
+        )
+        assert least_squeeze(problem, reserve) is None, seed
 
 
 @pytest.mark.parametrize("friction", MODELS, ids=NAMES)
