@@ -77,19 +77,20 @@ class Matrices:
 
     @property
     def decoupled(self) -> bool:
-        """Whether the objective couples no two contacts: what the compiled interior-point method takes."""
-        return not self.peak and (self.P is None or np.count_nonzero(self.P) == np.count_nonzero(self.blocks()))
+        """Whether the objective has no products of two contacts: what the compiled interior-point method takes."""
+        return self.P is None or np.count_nonzero(self.P) == np.count_nonzero(self.blocks())
 
     @property
     def separates(self) -> bool:
         """Whether the dual's inner problems have a closed form: what the compiled Newton method takes."""
-        if not self.decoupled or len(self.R) or not self.friction.separates:
+        if self.peak or not self.decoupled:
             return False
         if self.P is None:
             return True
         blocks = self.blocks()
         diagonal = np.einsum("kjj->kj", blocks)
-        own = diagonal[:, : self.friction.round_dimensions]
+        joint = 2 if self.friction.polyhedral and self.friction.edges > 4 else self.friction.round_dimensions
+        own = diagonal[:, :joint]
         return bool(
             np.count_nonzero(blocks) <= np.count_nonzero(diagonal)
             and (own.shape[1] == 0 or np.all(np.ptp(own, axis=1) <= _SAME * own.max()))

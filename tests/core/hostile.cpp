@@ -731,6 +731,7 @@ struct Case {
     int r = 0, edges = 0;
     bool own_facets = false;  // facets that say something else than the vertices: nothing is promised
     bool separates = true;
+    double peak = 0.0;
     Numbers B, P, q, R_lo, R_hi, correction, widths, matrix, normals, C, vertices, terms;
     std::unique_ptr<Forces> forces;
     double unit = 1.0;
@@ -738,7 +739,7 @@ struct Case {
     Case(Bytes& bytes, bool compare) : grasp(grasp_from(bytes, models[bytes.below(5)])) {
         const int k = grasp.k, d = grasp.model.d, n = d * k, m = grasp.rows(), e = d - 1;
         const bool garbage = grasp.kind == Kind::garbage;
-        edges = grasp.model.round ? 0 : compare || bytes.once_in(2) ? 4 : 2 * bytes.between(2, d == 4 ? 4 : 5);
+        edges = grasp.model.round ? 0 : bytes.once_in(2) ? 4 : 2 * bytes.between(2, bytes.once_in(4) ? 16 : 4);
         for (int a = 0; a < edges; ++a) {
             const double half = 3.141592653589793 / edges, angle = 0.78539816339744828 + 2.0 * half * a;
             const double facet[3] = {std::cos(angle + half) / std::cos(half), std::sin(angle + half) / std::cos(half),
@@ -749,15 +750,14 @@ struct Case {
         }
         if (d == 4 && grasp.model.round != 3)
             for (double side : {1.0, -1.0}) C.insert(C.end(), {0.0, 0.0, side});
-        separates = edges == 0 || edges == 4;
-        grasp.excluded = grasp.excluded && separates;  // by as many edges
+        grasp.excluded = grasp.excluded && edges <= 4;  // by as many edges
         if (garbage && bytes.once_in(4)) {
             own_facets = true;
             C.assign(bytes.between(0, 10) * e, 0.0);
             for (double& one : C) one = bytes.spread(1.5);
             if (bytes.once_in(2)) bytes.spoil(C);
         }
-        r = compare || bytes.once_in(2) ? 0 : bytes.between(0, 6);
+        r = bytes.once_in(2) ? 0 : bytes.between(0, 6);
         widths.resize(n);
         matrix.resize(18 * k);
         normals.resize(3 * k);
@@ -786,7 +786,7 @@ struct Case {
         for (int h = 0; h < r; ++h) {
             double square = 0.0, *row = B.data() + (m + h) * n;
             for (int l = 0; l < n; ++l) {
-                row[l] = bytes.once_in(3) ? 0.0 : bytes.spread(1.0);
+                row[l] = bytes.once_in(3) || widths[l] == 0.0 ? 0.0 : bytes.spread(1.0);
                 square += row[l] * row[l];
             }
             for (int l = 0; l < n && square > 0.0; ++l) row[l] /= std::sqrt(square);
@@ -811,7 +811,7 @@ struct Case {
         if (forces == nullptr && !garbage) fail("no grasp: %s", fault_of(fair));
     }
 
-    // The objective: squares of the forces, or of combinations of a contact's own, and powers of F_n.
+    // The objective: squares of the forces, or of combinations of a contact's own, powers of F_n, and the largest F_n.
     void cost(Bytes& bytes, bool compare) {
         const int k = grasp.k, d = grasp.model.d, n = d * k;
         P.assign(d * n, 0.0);
@@ -823,7 +823,8 @@ struct Case {
                 const double width = widths[(j < grasp.model.round ? 0 : j) * k + i];
                 double& own = P[(j * d + j) * k + i];
                 if (kind == 0) own = 2.0 * (j == d - 1 ? 1.0 : std::max(width * width, 1e-4));
-                if (kind == 1) own = j > 0 && j < grasp.model.round ? P[i] : bytes.from(0.1, 2.0);
+                const int joint = edges > 4 ? 2 : grasp.model.round;
+                if (kind == 1) own = j > 0 && j < joint ? P[i] : bytes.from(0.1, 2.0);
             }
         if (kind == 2) {  // products of components
             separates = false;
@@ -835,6 +836,10 @@ struct Case {
                         for (int l = 0; l < d; ++l) P[(j * d + l) * k + i] += half[j] * half[l];
                 }
             }
+        }
+        if (!compare && bytes.once_in(4)) {
+            peak = bytes.from(0.01, 1.0);
+            separates = false;
         }
         if (bytes.once_in(3))
             for (double& one : q) one = bytes.from(0.0, 0.3) * std::max(size_of(grasp), 1e-9);
@@ -866,8 +871,27 @@ struct Case {
         setup.grasp_matrix = matrix;
         setup.normals = normals;
         for (double one : P) setup.largest = std::max(setup.largest, one);
+        setup.peak = peak;
         setup.arm = grasp.arm;
         return setup;
+    }
+
+    // Of newtons (k, 3) and newton metres (k) the largest miss of the torque rows; with `square` the sum of squares.
+    double missed_torques(const double* forces, const double* moments, bool square) const {
+        const int k = grasp.k, d = grasp.model.d, m = grasp.rows(), n = d * k;
+        double worst = 0.0, total = 0.0;
+        for (int h = 0; h < r; ++h) {
+            double t = 0.0;
+            for (int l = 0; l < n; ++l) {
+                const int j = l / k, i = l % k;
+                const double own = j == 2 && d == 4 ? moments[i] : forces[3 * i + (j == d - 1 ? 2 : j)];
+                if (widths[l] > 0.0) t += B[(m + h) * n + l] * own / widths[l];
+            }
+            const double off = std::max({t - R_hi[h], R_lo[h] - t, 0.0});
+            worst = std::max(worst, off);
+            total += off * off;
+        }
+        return square ? total : worst;
     }
 };
 
@@ -875,18 +899,20 @@ struct Case {
 void prove_case(Case& own, const Record& record) {
     const Grasp& grasp = own.grasp;
     const int k = grasp.k;
-    double direction[6] = {};
+    Numbers direction(grasp.rows() + own.r, 0.0);
     const double margin = without_memory("Forces::prove", [&] {
-        return own.forces->prove(grasp.low.data(), grasp.high.data(), grasp.load.data(), record, direction);
+        return own.forces->prove(grasp.low.data(), grasp.high.data(), grasp.load.data(), record, direction.data());
     });
     if (!(margin > 0.0) || own.own_facets || grasp.kind == Kind::garbage || grasp.kind == Kind::degenerate) return;
     ++proven_loads;
-    const double length = norm(direction, grasp.rows());
+    const double length = norm(direction.data(), static_cast<int>(direction.size()));
     if (!(std::fabs(length - 1.0) < 1e-9)) fail("a proof along a direction of length %g", length);
     double most = size_of(grasp);
     for (int i = 0; i < k; ++i) most = std::max(most, record.forces[3 * i + 2]);
     // No admissible forces leave less, and these are the closest: they leave no more, either.
-    const double rest = left_over(grasp, record.forces, record.torsion), rounding = 1e-7 * most;
+    const double square = own.missed_torques(record.forces, record.torsion, true);
+    const double rest = std::hypot(left_over(grasp, record.forces, record.torsion), std::sqrt(square)),
+                 rounding = 1e-7 * most;
     if (!(rest >= margin - rounding)) fail("%.9g N are left over where %.9g are proven", rest, margin);
     if (!(rest <= margin + rounding)) fail("the closest forces leave %.9g N, %.9g are proven", rest, margin);
     if (own.edges <= 4)
@@ -928,6 +954,8 @@ void solve_case(Bytes& bytes, Case& own) {
     const double rest = left_over(grasp, forces.data(), torsion.data());
     if (!(rest <= 2e-9 * (sure.load_size + largest_of(forces.data(), k))))
         fail("%g N are left over of %g", rest, sure.load_size);
+    const double missed = own.missed_torques(forces.data(), torsion.data(), false);
+    if (!(missed <= 2e-8 * sure.force_size)) fail("a torque row is missed by %g of %g", missed, sure.force_size);
     if (own.edges <= 4)
         check_limits(grasp, forces.data(), torsion.data(), grasp.low.data(), grasp.high.data(), 1e-8 * sure.force_size);
 }
@@ -951,6 +979,7 @@ void answer_case(Case& own, bool compare) {
     Problem problem =
         own.forces->problem(b.data(), lo.data(), hi.data(), R_lo.data(), R_hi.data(), P.data(), q.data());
     problem.powers = powers;
+    problem.peak = own.peak;
     const auto answered = [&](bool newton, const double* load) {
         Problem loaded = problem;
         loaded.b = load;

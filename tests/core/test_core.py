@@ -42,7 +42,7 @@ def answer(problem, program, fixed, name):
 
 def as_reference(program, fixed):
     """A, P and q of a program, contact by contact, and its torque rows."""
-    b, lo, hi, _, _, P, q, powers = arrays_of(program, fixed)
+    b, lo, hi, _, _, P, q, powers, _ = arrays_of(program, fixed)
     A = program.A.reshape(-1, program.k, program.d)
     return A, b, np.einsum("jjk->kj", P), q.T, powers, lo, hi
 
@@ -180,7 +180,9 @@ def test_sizes_that_do_not_fit_are_refused():
         with pytest.raises(ValueError):
             grasp.answer(True, *wrong)
     with pytest.raises(ValueError):
-        grasp.answer(True, *given[:7], np.ones((9, 2)) * np.arange(9)[:, None])  # more powers than there is room for
+        grasp.answer(
+            True, *given[:7], np.ones((9, 2)) * np.arange(9)[:, None], 0.0
+        )  # more powers than there is room for
     within = dict.fromkeys(("residual", "violation", "gap", "vanishing", "negligible"), 1e-6)
     prepared = core.load().Prepared(grasp, True, program.lo, program.hi, np.zeros((0, 2)), **within)
     with pytest.raises(ValueError):

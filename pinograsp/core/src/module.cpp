@@ -67,21 +67,24 @@ std::unique_ptr<Forces> grasp_from(const GraspSetup& setup) {
 
 // A problem of the grasp's rows that was made elsewhere; its arrays stay those of the caller.
 Problem problem_of(const Forces& forces, const Numbers& b, const Numbers& lo, const Numbers& hi, const Numbers& R_lo,
-                   const Numbers& R_hi, const Numbers& P, const Numbers& q, const Numbers& terms) {
+                   const Numbers& R_hi, const Numbers& P, const Numbers& q, const Numbers& terms, double peak) {
     const std::size_t k = forces.contacts(), r = forces.torque_rows(), d = forces.components();
     Problem problem =
         forces.problem(sized(b, forces.balance_rows(), "b"), sized(lo, k, "lo"), sized(hi, k, "hi"),
                        sized(R_lo, r, "R_lo"), sized(R_hi, r, "R_hi"), sized(P, d * d * k, "P"), sized(q, d * k, "q"));
     need_terms(terms);
     need(powers_of(terms.data(), static_cast<int>(terms.size()) / 2, 1.0, 1.0, problem.powers), "terms");
+    need_number(peak, false, "peak");
+    need(forces.has_peak() || peak == 0.0, "peak");
+    problem.peak = peak;
     return problem;
 }
 
 // The answer to such a problem: (code, newton, violation, value, bound, x, y, gauge, residual).
 nb::tuple answer(Forces& forces, bool newton, Numbers b, Numbers lo, Numbers hi, Numbers R_lo, Numbers R_hi, Numbers P,
-                 Numbers q, Numbers terms) {
+                 Numbers q, Numbers terms, double peak) {
     const int k = forces.contacts(), m = forces.balance_rows(), r = forces.torque_rows(), n = forces.components() * k;
-    const Checked found = forces.answer(newton, problem_of(forces, b, lo, hi, R_lo, R_hi, P, q, terms));
+    const Checked found = forces.answer(newton, problem_of(forces, b, lo, hi, R_lo, R_hi, P, q, terms, peak));
     const auto copied = [](const double* values, std::size_t size) {
         double* own = new double[size];
         std::copy(values, values + size, own);
@@ -94,8 +97,8 @@ nb::tuple answer(Forces& forces, bool newton, Numbers b, Numbers lo, Numbers hi,
 
 // Lower bound of the objective, and Farkas bound, of multipliers y (m + r) of such a problem, near x (d k).
 nb::tuple bounds(Forces& forces, Numbers b, Numbers lo, Numbers hi, Numbers R_lo, Numbers R_hi, Numbers P, Numbers q,
-                 Numbers terms, Numbers x, Numbers y) {
-    const Problem problem = problem_of(forces, b, lo, hi, R_lo, R_hi, P, q, terms);
+                 Numbers terms, double peak, Numbers x, Numbers y) {
+    const Problem problem = problem_of(forces, b, lo, hi, R_lo, R_hi, P, q, terms, peak);
     const double* near = sized(x, static_cast<std::size_t>(forces.components()) * forces.contacts(), "x");
     const double* multipliers = sized(y, forces.balance_rows() + forces.torque_rows(), "y");
     return nb::make_tuple(bound_of(problem, near, multipliers).bound, excluded(problem, multipliers));
@@ -139,9 +142,10 @@ struct Prepared {
         return {out, out + 6, out + 6 + 3 * k, at, at + k, at + 2 * k, at + 3 * k};
     }
 
-    // Fills the direction of the proof (6), and numbers and active of the closest forces; 0: not proven.
+    // Fills the direction of the proof (m + r), and numbers and active of the closest forces; 0: not proven.
     double prove(Wrench load, Written direction, Written numbers, Flags active) const {
-        need(direction.size() == 6, "room for the direction");
+        need(direction.size() == static_cast<std::size_t>(forces->balance_rows() + forces->torque_rows()),
+             "room for the direction");
         return forces->prove(least.data(), greatest.data(), load.data(), record_in(numbers, active), direction.data());
     }
 
@@ -391,6 +395,7 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         .def_rw("separates", &GraspSetup::separates)
         .def_rw("constant", &GraspSetup::constant)
         .def_rw("largest", &GraspSetup::largest)
+        .def_rw("peak", &GraspSetup::peak)
         .def_rw("arm", &GraspSetup::arm)
         .def_rw("near", &GraspSetup::near);
     array_of(grasp_setup, "facets", &GraspSetup::facets);
@@ -406,8 +411,10 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     array_of(grasp_setup, "normals", &GraspSetup::normals);
     nb::class_<Forces>(m, "Grasp")
         .def(nb::new_(&grasp_from), "setup"_a)
-        .def("bounds", &bounds, "b"_a, "lo"_a, "hi"_a, "R_lo"_a, "R_hi"_a, "P"_a, "q"_a, "terms"_a, "x"_a, "y"_a)
-        .def("answer", &answer, "newton"_a, "b"_a, "lo"_a, "hi"_a, "R_lo"_a, "R_hi"_a, "P"_a, "q"_a, "terms"_a);
+        .def("bounds", &bounds, "b"_a, "lo"_a, "hi"_a, "R_lo"_a, "R_hi"_a, "P"_a, "q"_a, "terms"_a, "peak"_a, "x"_a,
+             "y"_a)
+        .def("answer", &answer, "newton"_a, "b"_a, "lo"_a, "hi"_a, "R_lo"_a, "R_hi"_a, "P"_a, "q"_a, "terms"_a,
+             "peak"_a);
     nb::class_<Prepared>(m, "Prepared")
         .def(nb::init<nb::object, bool, Numbers, Numbers, Numbers, double, double, double, double, double>(), "grasp"_a,
              "newton"_a, "least"_a, "greatest"_a, "terms"_a, nb::kw_only(), "residual"_a, "violation"_a, "gap"_a,

@@ -23,8 +23,10 @@ from pinograsp.forces.solve.template import Template
 from pinograsp.spatial import Array
 
 
-def arrays_of(program: Program, fixed: Template) -> tuple[Array, ...]:
-    """A program as the core takes it: b, lo, hi, R_lo, R_hi, P, q and its powers; ``fixed``: the program's matrices."""
+def arrays_of(program: Program, fixed: Template) -> tuple[Array | float, ...]:
+    """A program as the core takes it: b, lo, hi, R_lo, R_hi, P, q, its powers and the weight of the largest F_n;
+    ``fixed``: the program's matrices.
+    """
     weight, force = program.objective_scale, program.force_scale
     return (
         program.b,
@@ -35,6 +37,7 @@ def arrays_of(program: Program, fixed: Template) -> tuple[Array, ...]:
         fixed.P * (force**2 / weight),
         fixed.q * (force / weight),
         np.array(program.powers, dtype=float).reshape(-1, 2),
+        program.peak,
     )
 
 
@@ -51,6 +54,9 @@ def solve_program(problem: ForceProblem, program: Program, fixed: Template, name
     w = np.zeros(len(program.R))
     w[fixed.order] = y[m:]
     return ProgramAnswer(x.reshape(d, k).T.ravel(), y[:m], w, Checks(violation, gauge, residual, value, bound))
+
+
+_NONE = np.zeros(0, dtype=np.intp)
 
 
 class CompiledForces(NamedTuple):
@@ -88,6 +94,11 @@ class PreparedForces:
         self._k, self.method, weights = problem.k, method, template.matrices.weights
         names = () if problem.torques is None else problem.torques.limited_joints
         self._joints = tuple(names[row] for row in template.order)
+        self._limited = (
+            np.flatnonzero(problem.torques.limited)[template.order] if problem.torques is not None else _NONE
+        )
+        self._row_norms = template.matrices.R_norm[template.order]
+        self._rows = template.matrices.rows
         powers = np.array([(weights[m] * c, e) for m, own in terms.items() for c, e in own], dtype=float).reshape(-1, 2)
         self._prepared = core.load().Prepared(
             template.grasp(problem),
@@ -135,24 +146,27 @@ class PreparedForces:
 
     def prove(self, load: Array) -> Infeasibility | None:
         """The proof that no forces hold a load (6,), read-only; None where there is none."""
-        k = self._k
-        direction, numbers = np.zeros(6), np.empty(6 + 4 * k)
+        k, rows = self._k, self._rows
+        multipliers, numbers = np.empty(rows + len(self._joints)), np.empty(6 + 4 * k)
         active = np.empty(3 * k + len(self._joints), np.bool_)
-        margin = self._prepared.prove(load, direction, numbers, active)
+        margin = self._prepared.prove(load, multipliers, numbers, active)
         if not margin > 0.0:
             return None
-        for part in (direction, numbers, active):
+        direction, joints = np.zeros(6), np.zeros(self._torques)
+        direction[:rows] = multipliers[:rows]
+        joints[self._limited] = multipliers[rows:] / self._row_norms
+        for part in (direction, joints, numbers, active):
             part.flags.writeable = False
         return Infeasibility(
             margin=margin,
             direction=direction,
-            joint_weights=frozen(np.zeros(self._torques)),
+            joint_weights=joints,
             closest_c=numbers[6 : 6 + 3 * k].reshape((k, 3)),
             closest_torsion=numbers[6 + 3 * k :],
             residual=numbers[:6],
             at_friction=active[:k],
             at_least=active[k : 2 * k],
             at_most=active[2 * k : 3 * k],
-            at_torque=(),
+            at_torque=tuple(self._joints[row] for row in active[3 * k :].nonzero()[0]),
             crossed=frozen(np.zeros(k, np.bool_)),
         )

@@ -68,6 +68,7 @@ class Template:
         setup.normals = np.ascontiguousarray(problem.contacts.rotations_oc[:, :, 2])
         setup.constant = self.matrices.constant
         setup.largest = float(np.einsum("jjk->jk", self.P).max())
+        setup.peak = self.matrices.peak
         setup.arm = problem.moment_length
         setup.near = TOLERANCE.active
         return core.load().Grasp(setup)

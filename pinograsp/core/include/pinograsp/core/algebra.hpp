@@ -56,6 +56,9 @@ PINOGRASP_INLINE void solve(const S* H, S* v) {
     }
 }
 
+// Whether they are all zero.
+PINOGRASP_INLINE bool none_of(const double* from) { return !any(abs(lanes_at(from)) > Vector(0.0)); }
+
 // The same for n rows, known at run time only; H (n, n), of which the upper triangle is used.
 inline void factor(double* H, int n) {
     double most = 0.0;
@@ -66,7 +69,10 @@ inline void factor(double* H, int n) {
         const double inverse = 1.0 / max(row[r], floor);
         row[r] = inverse;
         for (int i = r + 1; i < n; ++i) {
+            while (i + width <= n && none_of(row + i)) i += width;
+            if (i == n) break;
             const double t = row[i] * inverse;
+            if (t == 0.0) continue;
             double* other = H + i * n;
             for (int c = i; c < n; ++c) other[c] -= t * row[c];
         }
@@ -81,9 +87,12 @@ inline void solve(const double* H, double* v, int n) {
         v[r] = t * row[r];
     }
     for (int r = n - 2; r >= 0; --r) {
-        double t = v[r];
         const double* row = H + r * n;
-        for (int c = r + 1; c < n; ++c) t -= row[c] * v[c];
+        Vector total = 0.0;
+        int c = r + 1;
+        for (; c + width <= n; c += width) total = total + lanes_at(row + c) * lanes_at(v + c);
+        double t = v[r] - sum(total);
+        for (; c < n; ++c) t -= row[c] * v[c];
         v[r] = t;
     }
 }

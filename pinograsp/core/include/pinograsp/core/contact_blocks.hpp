@@ -65,12 +65,12 @@ PINOGRASP_INLINE void dots(const Vector* row, const Vector* others, int length, 
     for (int c = 0; c < N; ++c) out[c] = sum(total[c]);
 }
 
-// S = T T', its upper triangle; T (rows, length).
-inline void gram(const Vector* T, int rows, int length, double* S) {
+// S = T B', its upper triangle; T, B (rows, length).
+inline void inner_products(const Vector* T, const Vector* B, int rows, int length, double* S) {
     for (int r = 0; r < rows; ++r) {
         int c = r;
-        for (; c + 4 <= rows; c += 4) dots<4>(T + r * length, T + c * length, length, S + r * rows + c);
-        for (; c < rows; ++c) dots<1>(T + r * length, T + c * length, length, S + r * rows + c);
+        for (; c + 4 <= rows; c += 4) dots<4>(T + r * length, B + c * length, length, S + r * rows + c);
+        for (; c < rows; ++c) dots<1>(T + r * length, B + c * length, length, S + r * rows + c);
     }
 }
 

@@ -11,12 +11,14 @@
 //     w_n F + s_n - sum_t r max(0, |s_t| - w r F) = 0,   clipped to [lo, hi],
 //
 // whose left side increases and is the minimum of several straight lines, one for each set of saturated components: F
-// is the largest of their roots. The gradient of D is A x(y) - b. A generalised Hessian follows by differentiating
-// x(y): per contact (v v') / slope along the edge or ray v on which a saturated force moves, 1 / w for components that
-// are not saturated, and F / |s_t| (I - c c') around a cone (Qi and Sun 1993; the same idea as in SSNAL, Li, Sun and
-// Toh 2018). The cost of a step grows linearly with the number of contacts. The line search is exact, since the
-// directional derivative is monotone. Where it stays positive along a step, that step is tested as a Farkas
-// certificate: the limit of the derivative is the margin of the certificate.
+// is the largest of their roots. To a regular polygon of more edges its facet nearest to -s_t is one side of a
+// rectangle, half as wide as the facet, as far as forces that are nearest to -s_t are concerned: seen along this facet
+// and across it, both components are limited by themselves, as those of four edges are. The gradient of D is A x(y) -
+// b. A generalised Hessian follows by differentiating x(y): per contact (v v') / slope along the edge or ray v on which
+// a saturated force moves, 1 / w for components that are not saturated, and F / |s_t| (I - c c') around a cone (Qi and
+// Sun 1993; the same idea as in SSNAL, Li, Sun and Toh 2018). The cost of a step grows linearly with the number of
+// contacts. The line search is exact, since the directional derivative is monotone. Where it stays positive along a
+// step, that step is tested as a Farkas certificate: the limit of the derivative is the margin of the certificate.
 #pragma once
 
 #include "algebra.hpp"
@@ -26,9 +28,25 @@
 namespace pinograsp::core {
 inline namespace PINOGRASP_CORE_LEVEL {
 
+// A regular polygon in the unit circle: half the directions of its facets, the others opposite (count, 2), their
+// distance from the middle, and half their length.
+struct Polygon {
+    const double* directions;
+    int count;
+    double sizes[2];
+};
+
+template <bool fine>
+struct Turned {};
+template <>
+struct Turned<true> {
+    const Polygon* polygon;
+    Vector across[2];  // direction of the facet that is nearest, where x was computed
+};
+
 // `width` contacts of one problem, or one contact of `width` problems.
 template <class K>
-struct Block {
+struct Block : Turned<K::fine> {
     Vector a[K::D][K::M];                      // columns of the balance
     Vector w[K::D], q[K::D];                   // the objective 1/2 w x^2 + q x
     Vector lo, hi;                             // of F_n
@@ -42,7 +60,34 @@ struct Block {
         constexpr int cones = K::R > 0 ? 1 : 0;
         if (g < cones) return w[0];
         const int j = g - cones + K::R;
-        return Vector(K::radius(j) * K::radius(j)) * w[j];
+        return Vector(radius(j) * radius(j)) * w[j];
+    }
+
+    // What component j, outside of the cone, is limited by, over F_n.
+    PINOGRASP_INLINE double radius(int j) const {
+        if constexpr (K::fine)
+            if (j < 2) return this->polygon->sizes[j];
+        return K::radius(j);
+    }
+
+    // Of the facets the one that components c point to most, or away from.
+    PINOGRASP_INLINE void nearest_facet(const Vector* c, Vector* facet) const {
+        const Polygon& own = *this->polygon;
+        Vector most = -1.0;
+        for (int a = 0; a < own.count; ++a) {
+            const Vector x = own.directions[2 * a], y = own.directions[2 * a + 1], along = abs(x * c[0] + y * c[1]);
+            const auto more = along > most;
+            most = select(more, along, most);
+            facet[0] = select(more, x, facet[0]);
+            facet[1] = select(more, y, facet[1]);
+        }
+    }
+
+    // Components across a facet and along it.
+    static PINOGRASP_INLINE void turn(const Vector* facet, Vector* c) {
+        const Vector x = c[0];
+        c[0] = facet[0] * x + facet[1] * c[1];
+        c[1] = facet[0] * c[1] - facet[1] * x;
     }
 
     // After a change of w.
@@ -64,6 +109,7 @@ struct Block {
             q[j] = x[j] = s[j] = v[j] = 0.0;
         }
         lo = hi = norm = 0.0;
+        if constexpr (K::fine) this->across[0] = this->across[1] = 0.0;
     }
 
     // Length of the components that a cone bounds.
@@ -73,17 +119,21 @@ struct Block {
         return sqrt(square);
     }
 
-    // How the groups pull at F_n, at slopes c.
+    // How the groups pull at F_n, at slopes c, those of a fine pyramid seen from its facet.
     PINOGRASP_INLINE void pulls(const Vector* c, Vector* out) const {
         int g = 0;
         if constexpr (K::R > 0) out[g++] = round_length(c);
-        for (int j = K::R; j < K::E; ++j) out[g++] = Vector(K::radius(j)) * abs(c[j]);
+        for (int j = K::R; j < K::E; ++j) out[g++] = Vector(radius(j)) * abs(c[j]);
     }
 
     // x, the minimiser at slopes s + t v.
     PINOGRASP_INLINE void forces_at(Vector t) {
         Vector c[K::D], pull[K::groups];
         for (int j = 0; j < K::D; ++j) c[j] = s[j] + t * v[j];
+        if constexpr (K::fine) {
+            nearest_facet(c, this->across);
+            turn(this->across, c);
+        }
         pulls(c, pull);
         Vector F = lo;
         for (int set = 0; set < K::sets; ++set) {
@@ -100,61 +150,83 @@ struct Block {
             for (int j = 0; j < K::R; ++j) x[j] = shrink * c[j];
         }
         for (int j = K::R; j < K::E; ++j) {
-            const Vector most = Vector(K::radius(j)) * F;
+            const Vector most = Vector(radius(j)) * F;
             x[j] = clamp(-c[j] * inverse_w[j], -most, most);
+        }
+        if constexpr (K::fine) {
+            const Vector back[2] = {this->across[0], -this->across[1]};
+            turn(back, x);
         }
     }
 
-    // Adds the contact's part of a generalised Hessian of the negative dual to H, its upper triangle.
-    PINOGRASP_INLINE void add_hessian(Vector* H) const {
+    // Adds to H, the upper triangle of an (N, N) matrix, the contact's part of a generalised Hessian of the negative
+    // dual, for columns a of N rows: those of the balance, or others.
+    template <int N>
+    PINOGRASP_INLINE void add_hessian(const Vector (&a)[K::D][N], Vector* H) const {
         const Vector F = x[K::E];
-        Vector slope = w[K::E], ray[K::M];
-        for (int r = 0; r < K::M; ++r) ray[r] = a[K::E][r];
+        Vector slope = w[K::E], ray[N];
+        for (int r = 0; r < N; ++r) ray[r] = a[K::E][r];
         if constexpr (K::R > 0) {
             const auto slips = norm > w[0] * F;
             slope = slope + select(slips, w[0], Vector(0.0));
-            add_cone(H, slips, select(slips, F / norm, inverse_w[0]), ray);
+            add_cone(a, H, slips, select(slips, F / norm, inverse_w[0]), ray);
         }
         for (int j = K::R; j < K::E; ++j) {
-            const Vector r_j = K::radius(j);
-            const auto slips = abs(s[j]) > w[j] * r_j * F;
-            const Vector edge = select(slips, select(s[j] > Vector(0.0), r_j, -r_j), Vector(0.0));
+            const Vector r_j = radius(j);
+            Vector own = s[j], column[N];
+            for (int r = 0; r < N; ++r) column[r] = a[j][r];
+            if constexpr (K::fine)
+                if (j < 2) {
+                    Vector seen[2] = {s[0], s[1]};
+                    turn(this->across, seen);
+                    own = seen[j];
+                    for (int r = 0; r < N; ++r) {
+                        Vector both[2] = {a[0][r], a[1][r]};
+                        turn(this->across, both);
+                        column[r] = both[j];
+                    }
+                }
+            const auto slips = abs(own) > w[j] * r_j * F;
+            const Vector edge = select(slips, select(own > Vector(0.0), r_j, -r_j), Vector(0.0));
             slope = slope + edge * edge * w[j];
-            for (int r = 0; r < K::M; ++r) ray[r] = ray[r] - edge * a[j][r];
-            add_square(H, select(slips, Vector(0.0), inverse_w[j]), a[j]);
+            for (int r = 0; r < N; ++r) ray[r] = ray[r] - edge * column[r];
+            add_square<N>(H, select(slips, Vector(0.0), inverse_w[j]), column);
         }
-        add_square(H, select((lo < F) & (F < hi), Vector(1.0) / slope, Vector(0.0)), ray);
+        add_square<N>(H, select((lo < F) & (F < hi), Vector(1.0) / slope, Vector(0.0)), ray);
     }
 
     // The directions of a cone that are free of F_n, with weight `around`; where it slips, the ray leaves the axis.
-    PINOGRASP_INLINE void add_cone(Vector* H, decltype(Vector() > Vector()) slips, Vector around, Vector* ray) const {
+    template <int N>
+    PINOGRASP_INLINE void add_cone(const Vector (&a)[K::D][N], Vector* H, decltype(Vector() > Vector()) slips,
+                                   Vector around, Vector* ray) const {
         const auto none = norm == Vector(0.0);
         const Vector inverse_norm = select(none, Vector(0.0), Vector(1.0) / norm);
         const Vector u = select(none, Vector(1.0), s[0] * inverse_norm), v1 = s[1] * inverse_norm;
-        Vector radial[K::M];
+        Vector radial[N];
         if constexpr (K::R == 2) {
-            Vector across[K::M];
-            for (int r = 0; r < K::M; ++r) {
+            Vector across[N];
+            for (int r = 0; r < N; ++r) {
                 radial[r] = a[0][r] * u + a[1][r] * v1;
                 across[r] = a[1][r] * u - a[0][r] * v1;
             }
-            add_square(H, around, across);
-            add_square(H, select(slips, Vector(0.0), around), radial);
+            add_square<N>(H, around, across);
+            add_square<N>(H, select(slips, Vector(0.0), around), radial);
         } else {
             const Vector z = s[2] * inverse_norm;
-            for (int r = 0; r < K::M; ++r) radial[r] = a[0][r] * u + a[1][r] * v1 + a[2][r] * z;
-            for (int j = 0; j < 3; ++j) add_square(H, around, a[j]);
-            add_square(H, select(slips, -around, Vector(0.0)), radial);
+            for (int r = 0; r < N; ++r) radial[r] = a[0][r] * u + a[1][r] * v1 + a[2][r] * z;
+            for (int j = 0; j < 3; ++j) add_square<N>(H, around, a[j]);
+            add_square<N>(H, select(slips, -around, Vector(0.0)), radial);
         }
-        for (int r = 0; r < K::M; ++r) ray[r] = ray[r] - select(slips, radial[r], Vector(0.0));
+        for (int r = 0; r < N; ++r) ray[r] = ray[r] - select(slips, radial[r], Vector(0.0));
     }
 
+    template <int N>
     static PINOGRASP_INLINE void add_square(Vector* H, Vector weight, const Vector* direction) {
         PINOGRASP_UNROLL
-        for (int r = 0; r < K::M; ++r) {
+        for (int r = 0; r < N; ++r) {
             const Vector t = weight * direction[r];
             PINOGRASP_UNROLL
-            for (int c = r; c < K::M; ++c) H[upper<K::M>(r, c)] = H[upper<K::M>(r, c)] + t * direction[c];
+            for (int c = r; c < N; ++c) H[upper<N>(r, c)] = H[upper<N>(r, c)] + t * direction[c];
         }
     }
 
@@ -170,18 +242,61 @@ struct Block {
 
     // The least c . x of all admissible x.
     PINOGRASP_INLINE Vector least(const Vector* c) const {
-        Vector pull[K::groups], total = c[K::E];
-        pulls(c, pull);
+        Vector seen[K::D], pull[K::groups], total = c[K::E];
+        for (int j = 0; j < K::D; ++j) seen[j] = c[j];
+        if constexpr (K::fine) {
+            Vector facet[2] = {0.0, 0.0};
+            nearest_facet(seen, facet);
+            turn(facet, seen);
+        }
+        pulls(seen, pull);
         for (int g = 0; g < K::groups; ++g) total = total - pull[g];
         return min(lo * total, hi * total);
     }
 };
+
+// How far A x is from b, and the largest violation of friction and bounds on F_n.
+template <class S>
+struct Misses {
+    S balance, violation;
+};
+
+template <class S, class K>
+Misses<S> judge(const Block<K>* blocks, int count, const S* b) {
+    Vector total[K::M], worst = -infinity;
+    for (Vector& one : total) one = 0.0;
+    for (int i = 0; i < count; ++i) {
+        const Block<K>& at = blocks[i];
+        const Vector F = at.x[K::E];
+        Vector used = max(at.lo - F, F - at.hi);
+        if constexpr (K::R > 0) used = max(used, at.round_length(at.x) - F);
+        Vector seen[K::E];
+        for (int j = 0; j < K::E; ++j) seen[j] = at.x[j];
+        if constexpr (K::fine) {
+            Vector facet[2] = {0.0, 0.0};
+            at.nearest_facet(seen, facet);
+            at.turn(facet, seen);
+        }
+        // A corner is nearer to no other facet.
+        for (int j = K::R; j < K::E; ++j) used = max(used, abs(seen[j]) * Vector(1.0 / at.radius(j)) - F);
+        worst = max(worst, used);
+        for (int r = 0; r < K::M; ++r)
+            for (int j = 0; j < K::D; ++j) total[r] = total[r] + at.a[j][r] * at.x[j];
+    }
+    S square = 0.0;
+    for (int r = 0; r < K::M; ++r) {
+        const S off = sum_to<S>(total[r]) - b[r];
+        square = square + off * off;
+    }
+    return {sqrt(square), largest_to<S>(worst)};
+}
 
 // The dual of one problem (S = double) or of one in each lane (S = Vector).
 template <class K, class S>
 class Dual {
 public:
     using Truth = decltype(S() > S());
+    static constexpr int patience = 8;  // steps before y is first tested as a ray
     struct Step {
         Truth infeasible, stalled;
     };
@@ -253,13 +368,22 @@ public:
         Vector total = 0.0;
         for (int i = 0; i < count; ++i) {
             Vector c[K::D];
-            blocks[i].columns_along(ray, c);
+            slopes(i, ray, c);
             total = total + blocks[i].least(c);
         }
-        S found = sum_to<S>(total);
-        for (int r = 0; r < K::M; ++r) found = found - b[r] * ray[r];
+        return sum_to<S>(total) - limits_along(ray);
+    }
+
+    // What multipliers make of the right-hand sides, and of the slopes of block i.
+    PINOGRASP_INLINE S limits_along(const S* ray) const {
+        S found = 0.0;
+        for (int r = 0; r < K::M; ++r) found = found + b[r] * ray[r];
         return found;
     }
+    PINOGRASP_INLINE void slopes(int i, const S* ray, Vector* out) const { blocks[i].columns_along(ray, out); }
+
+    S missed() const { return judge(blocks, count, b).balance; }
+    static constexpr int rows() { return K::M; }
 
 private:
     static constexpr int searches = 40;  // evaluations of one line search
@@ -269,7 +393,7 @@ private:
     PINOGRASP_INLINE void direct() {
         Vector sums[triangle<K::M>];
         for (Vector& one : sums) one = 0.0;
-        for (int i = 0; i < count; ++i) blocks[i].add_hessian(sums);
+        for (int i = 0; i < count; ++i) blocks[i].add_hessian(blocks[i].a, sums);
         S H[triangle<K::M>], trace = 0.0;
         for (int i = 0; i < triangle<K::M>; ++i) H[i] = sum_to<S>(sums[i]);
         for (int r = 0; r < K::M; ++r) trace = trace + H[upper<K::M>(r, r)];

@@ -13,117 +13,17 @@
 #include "interior.hpp"
 #include "memory.hpp"
 #include "newton.hpp"
+#include "rows.hpp"
 
 namespace pinograsp::core {
 inline namespace PINOGRASP_CORE_LEVEL {
-
-// The dual Newton method for problems of any shape that separate: no torque rows, costs without products.
-class Separable {
-public:
-    virtual ~Separable() = default;
-    virtual Code solve(const Problem& problem, double* x, double* y, int& steps) = 0;
-    // The forces that leave the least of the balance, and multipliers that prove it; see `core::closest`.
-    virtual Code closest(const Problem& problem, double* x, double* y, int& steps) = 0;
-};
-
-template <class K>
-class SeparableOf final : public Separable {
-public:
-    explicit SeparableOf(int k) : blocks_(blocks_of(k)) {
-        method_.dual.blocks = memory_.part<Block<K>>(blocks_);
-        method_.dual.count = blocks_;
-        method_.costs = memory_.part<Cost<K>>(blocks_);
-        best_ = memory_.part<Vector>(blocks_ * K::D);
-        for (int i = 0; i < blocks_; ++i) {
-            method_.dual.blocks[i].blank();
-            for (int j = 0; j < K::D; ++j) {
-                method_.costs[i].P[j] = 1.0;
-                method_.costs[i].q[j] = 0.0;
-            }
-        }
-    }
-
-    Code solve(const Problem& problem, double* x, double* y, int& steps) override {
-        const double least = lay_out(problem);
-        method_.powers = problem.powers.count;
-        for (int a = 0; a < problem.powers.count; ++a) {
-            method_.coefficients[a] = problem.powers.coefficients[a];
-            method_.exponents[a] = problem.powers.exponents[a];
-        }
-        const Code code = minimise(method_, least, steps);
-        take(problem, x, y);
-        return code;
-    }
-
-    Code closest(const Problem& problem, double* x, double* y, int& steps) override {
-        lay_out(problem);
-        for (int i = 0; i < blocks_; ++i) {
-            for (Vector& one : method_.dual.blocks[i].w) one = 1.0;
-            method_.dual.blocks[i].weigh();
-        }
-        const Code code = core::closest(method_.dual, best_, Newton<K, double>::most_steps, steps);
-        take(problem, x, y);
-        return code;
-    }
-
-private:
-    int blocks_;
-    Memory memory_;
-    Newton<K, double> method_;
-    Vector* best_;
-
-    // All contacts and the balance; returns the least entry of P.
-    double lay_out(const Problem& problem) {
-        double least = infinity;
-        for (int i = 0; i < blocks_; ++i)
-            for (Vector& one : method_.dual.blocks[i].x) one = 0.0;  // also of lanes without a contact
-        for (int i = 0; i < problem.k; ++i) least = min(least, lay_out(problem, i));
-        for (int r = 0; r < K::M; ++r) {
-            method_.dual.b[r] = r < problem.m ? problem.b[r] : 0.0;
-            method_.dual.y[r] = 0.0;
-        }
-        return least;
-    }
-
-    void take(const Problem& problem, double* x, double* y) const {
-        const int k = problem.k;
-        for (int i = 0; i < k; ++i)
-            for (int j = 0; j < K::D; ++j) x[j * k + i] = in_lane(method_.dual.blocks[i / width].x[j], i % width);
-        for (int r = 0; r < problem.m; ++r) y[r] = method_.dual.y[r];
-    }
-
-    // Contact i in its lane; returns the least entry of its P.
-    double lay_out(const Problem& problem, int i) {
-        const int k = problem.k, lane = i % width;
-        Block<K>& at = method_.dual.blocks[i / width];
-        Cost<K>& cost = method_.costs[i / width];
-        double least = infinity;
-        for (int j = 0; j < K::D; ++j) {
-            for (int r = 0; r < problem.m; ++r) in_lane(at.a[j][r], lane) = problem.B[(r * K::D + j) * k + i];
-            const double own = problem.P[(j * K::D + j) * k + i];
-            least = min(least, own);
-            in_lane(cost.P[j], lane) = own;
-            in_lane(cost.q[j], lane) = problem.q[j * k + i];
-            in_lane(at.x[j], lane) = j < K::E ? 0.0 : min(max(2.0 / k, problem.lo[i]), problem.hi[i]);
-        }
-        in_lane(at.lo, lane) = problem.lo[i];
-        in_lane(at.hi, lane) = problem.hi[i];
-        return least;
-    }
-};
-
-inline std::unique_ptr<Separable> make_separable(int d, int round, int k) {
-    return of_shape(d, round, [k](auto shape) -> std::unique_ptr<Separable> {
-        return std::make_unique<SeparableOf<decltype(shape)>>(k);
-    });
-}
 
 // What a grasp's problems are set up with: all that does not depend on the load. In newtons: objective
 // 1/2 x'Px + q'x + constant.
 struct GraspSetup {
     int k = 0, m = 6, r = 0;           // contacts, rows of the balance (3 or 6), torque rows
     int d = 3, round = 2;              // components of a force, and those of them in a cone
-    bool separates = false;            // the dual Newton method takes it
+    bool separates = false;            // its costs have no products: the dual Newton method takes it
     std::vector<double> facets;        // of a polyhedral cone (facets, d - 1)
     std::vector<double> vertices;      // of its polygon, where `round` is 0 (corners, 2)
     std::vector<double> B;             // balance, then torque rows (m + r, d k), by component
@@ -136,6 +36,7 @@ struct GraspSetup {
     std::vector<double> normals;       // of the contacts, world axes (k, 3)
     double constant = 0.0;             // of the objective
     double largest = 0.0;              // diagonal entry of P
+    double peak = 0.0;                 // weight of the largest F_n
     double arm = 1.0;                  // moments are divided by it [m]
     double near = 1e-6;                // relative margin of active limits
 };
@@ -175,7 +76,155 @@ inline const char* fault_of(const GraspSetup& setup) {
     if (!is_size(setup.largest)) return "largest";
     if (!is_size(setup.arm) || setup.arm == 0.0) return "arm";
     if (!is_size(setup.near)) return "near";
+    if (!is_size(setup.peak)) return "peak";
     return nullptr;
+}
+
+// The dual Newton method for problems of any shape, whose costs have no products.
+class Separable {
+public:
+    virtual ~Separable() = default;
+    virtual Code solve(const Problem& problem, double* x, double* y, int& steps) = 0;
+    // The forces that miss the least of balance and torque rows, and multipliers that prove it; see `core::closest`.
+    virtual Code closest(const Problem& problem, double* x, double* y, int& steps) = 0;
+};
+
+// By the dual `Of`, with torque rows or without.
+template <class K, class Of>
+class SeparableOf final : public Separable {
+    static constexpr bool limited = std::is_same_v<Of, RowDual<K>>;
+
+public:
+    explicit SeparableOf(const GraspSetup& setup) : blocks_(blocks_of(setup.k)) {
+        if constexpr (limited) {
+            method_.dual.set_up(blocks_, setup.r, memory_);
+        } else {
+            method_.dual.blocks = memory_.part<Block<K>>(blocks_);
+            method_.dual.count = blocks_;
+        }
+        method_.costs = memory_.part<Cost<K>>(blocks_);
+        best_ = memory_.part<Vector>(blocks_ * K::D);
+        if constexpr (K::fine) take_polygon(setup.facets.data(), static_cast<int>(setup.vertices.size()) / 2);
+        for (int i = 0; i < blocks_; ++i) {
+            method_.dual.blocks[i].blank();
+            if constexpr (K::fine) method_.dual.blocks[i].polygon = &polygon_;
+            for (int j = 0; j < K::D; ++j) {
+                method_.costs[i].P[j] = 1.0;
+                method_.costs[i].q[j] = 0.0;
+            }
+        }
+        const int n = K::D * setup.k;
+        for (int row = 0; row < setup.m + (limited ? setup.r : 0); ++row)
+            for (int l = 0; l < n; ++l) {
+                const int j = l / setup.k, i = l % setup.k;
+                const double value = setup.B[row * n + l];
+                if (row < setup.m) in_lane(method_.dual.blocks[i / width].a[j][row], i % width) = value;
+                if constexpr (limited) method_.dual.set(row < setup.m ? row : K::M + row - setup.m, j, i, value);
+            }
+        if constexpr (limited) method_.dual.tie();
+    }
+
+    Code solve(const Problem& problem, double* x, double* y, int& steps) override {
+        const double least = lay_out(problem);
+        method_.powers = problem.powers.count;
+        for (int a = 0; a < problem.powers.count; ++a) {
+            method_.coefficients[a] = problem.powers.coefficients[a];
+            method_.exponents[a] = problem.powers.exponents[a];
+        }
+        const Code code = minimise(method_, least, steps);
+        take(problem, x, y);
+        return code;
+    }
+
+    Code closest(const Problem& problem, double* x, double* y, int& steps) override {
+        lay_out(problem);
+        for (int i = 0; i < blocks_; ++i) {
+            for (Vector& one : method_.dual.blocks[i].w) one = 1.0;
+            method_.dual.blocks[i].weigh();
+        }
+        const Code code = core::closest(method_.dual, best_, Newton<K, double>::most_steps, steps);
+        take(problem, x, y);
+        return code;
+    }
+
+private:
+    int blocks_;
+    Memory memory_;
+    Newton<K, double, Of> method_;
+    Polygon polygon_{};
+    Vector* best_;
+
+    // Half of the facets are opposite to the others.
+    void take_polygon(const double* facets, int corners) {
+        double* directions = memory_.part<double>(corners);
+        polygon_.count = corners / 2;
+        for (int a = 0; a < polygon_.count; ++a) {
+            const double *facet = facets + a * K::E, size = std::sqrt(facet[0] * facet[0] + facet[1] * facet[1]);
+            for (int j = 0; j < 2; ++j) directions[2 * a + j] = facet[j] / size;
+            polygon_.sizes[0] = 1.0 / size;
+        }
+        polygon_.sizes[1] = std::sqrt(max(1.0 - polygon_.sizes[0] * polygon_.sizes[0], 0.0));
+        polygon_.directions = directions;
+    }
+
+    // All contacts and what the rows shall be; returns the least entry of P.
+    double lay_out(const Problem& problem) {
+        double least = infinity;
+        for (int i = 0; i < blocks_; ++i)
+            for (Vector& one : method_.dual.blocks[i].x) one = 0.0;  // also of lanes without a contact
+        for (int i = 0; i < problem.k; ++i) least = min(least, lay_out(problem, i));
+        for (int r = 0; r < K::M; ++r) {
+            method_.dual.b[r] = r < problem.m ? problem.b[r] : 0.0;
+            method_.dual.y[r] = 0.0;
+        }
+        if constexpr (limited) {
+            for (int r = 0; r < problem.r; ++r) {
+                method_.dual.y[K::M + r] = 0.0;
+                method_.dual.low[r] = problem.R_lo[r];
+                method_.dual.high[r] = problem.R_hi[r];
+            }
+        }
+        return least;
+    }
+
+    void take(const Problem& problem, double* x, double* y) const {
+        const int k = problem.k;
+        for (int i = 0; i < k; ++i)
+            for (int j = 0; j < K::D; ++j) x[j * k + i] = in_lane(method_.dual.blocks[i / width].x[j], i % width);
+        for (int r = 0; r < problem.m; ++r) y[r] = method_.dual.y[r];
+        if constexpr (limited)
+            for (int r = 0; r < problem.r; ++r) y[problem.m + r] = method_.dual.y[K::M + r];
+    }
+
+    // Contact i in its lane; returns the least entry of its P.
+    double lay_out(const Problem& problem, int i) {
+        const int k = problem.k, lane = i % width;
+        Block<K>& at = method_.dual.blocks[i / width];
+        Cost<K>& cost = method_.costs[i / width];
+        double least = infinity;
+        for (int j = 0; j < K::D; ++j) {
+            const double own = problem.P[(j * K::D + j) * k + i];
+            least = min(least, own);
+            in_lane(cost.P[j], lane) = own;
+            in_lane(cost.q[j], lane) = problem.q[j * k + i];
+            in_lane(at.x[j], lane) = j < K::E ? 0.0 : min(max(2.0 / k, problem.lo[i]), problem.hi[i]);
+        }
+        in_lane(at.lo, lane) = problem.lo[i];
+        in_lane(at.hi, lane) = problem.hi[i];
+        return least;
+    }
+};
+
+// None (nullptr) for a polygon whose facets are not those of its corners.
+inline std::unique_ptr<Separable> make_separable(const GraspSetup& setup) {
+    const int corners = static_cast<int>(setup.vertices.size()) / 2;
+    const bool fine = setup.round == 0 && corners > 4;
+    if (fine && (corners % 2 != 0 || setup.facets.size() < std::size_t(corners) * (setup.d - 1))) return nullptr;
+    return of_shape(setup.d, setup.round, corners, [&](auto shape) -> std::unique_ptr<Separable> {
+        using K = decltype(shape);
+        if (setup.r > 0) return std::make_unique<SeparableOf<K, RowDual<K>>>(setup);
+        return std::make_unique<SeparableOf<K, Dual<K, double>>>(setup);
+    });
 }
 
 // An answer with its checks, dimensionless.
@@ -242,7 +291,7 @@ public:
           m_(setup.m),
           r_(setup.r),
           setup_(setup),
-          interior_(d_, setup.round, static_cast<int>(setup.facets.size()) / (d_ - 1), k_, m_, r_) {
+          interior_(d_, setup.round, static_cast<int>(setup.facets.size()) / (d_ - 1), k_, m_, r_, setup.peak > 0.0) {
         const std::size_t n = d_ * k_;
         B_ = memory_.copy(setup_.B.data(), setup_.B.size());
         friction_.d = d_;
@@ -256,13 +305,14 @@ public:
         for (double** own : {&lo_, &hi_, &gauge_}) *own = memory_.part<double>(k_);
         for (double** own : {&R_lo_, &R_hi_}) *own = memory_.part<double>(r_);
         y_ = memory_.part<double>(m_ + r_);
-        if (setup_.separates && r_ == 0) separable_ = make_separable(d_, setup_.round, k_);
+        separable_ = make_separable(setup_);
     }
 
     int contacts() const { return k_; }
     int components() const { return d_; }
     int balance_rows() const { return m_; }
     int torque_rows() const { return r_; }
+    bool has_peak() const { return setup_.peak > 0.0; }
 
     // A problem of this grasp's rows, without powers.
     Problem problem(const double* b, const double* lo, const double* hi, const double* R_lo, const double* R_hi,
@@ -287,7 +337,7 @@ public:
     Checked answer(bool newton, const Problem& problem) {
         Checked out;
         int steps = 0;
-        out.newton = newton && separable_ != nullptr;
+        out.newton = newton && setup_.separates && separable_ != nullptr;
         if (out.newton) {
             out.code = separable_->solve(problem, x_, y_, steps);
             out.newton = out.code != Code::stalled;
@@ -313,11 +363,12 @@ public:
         double b[6];
         const double scale = scale_load(load, least, greatest, b);
         if (scale == 0.0) return out;
-        double unit = 0.5 * setup_.largest * scale * scale;
+        double unit = max(0.5 * setup_.largest * scale * scale, setup_.peak * scale);
         for (int a = 0; a < t; ++a) unit = max(unit, terms[2 * a] * std::pow(scale, terms[2 * a + 1]));
         if (!(unit > 0.0)) unit = 1.0;
         scale_to(scale, unit);
         Problem problem = this->problem(b, lo_, hi_, R_lo_, R_hi_, P_, q_);
+        problem.peak = setup_.peak * scale / unit;
         if (!powers_of(terms, t, scale, unit, problem.powers)) return out;
         out.checked = answer(newton, problem);
         if (out.checked.code != Code::converged) return out;
@@ -333,8 +384,8 @@ public:
         return out;
     }
 
-    // What any admissible forces leave of the balance at least [N], along the direction (m), a unit vector; 0: not
-    // proven. The record holds the closest forces, and the limits that the proof pushes them against.
+    // What any admissible forces miss at least [N] of balance and torque rows, along the direction (m + r), a unit
+    // vector; 0: not proven. The record holds the closest forces, and the limits that the proof pushes them against.
     double prove(const double* least, const double* greatest, const double* load, const Record& record,
                  double* direction) {
         double b[6], square = 0.0, worst = 0.0;
@@ -344,8 +395,8 @@ public:
         const Problem problem = this->problem(b, lo_, hi_, R_lo_, R_hi_, P_, q_);
         int steps = 0;
         if (separable_->closest(problem, x_, y_, steps) != Code::infeasible) return 0.0;
-        for (int r = 0; r < m_; ++r) square += y_[r] * y_[r];
-        for (int r = 0; r < m_; ++r) direction[r] = y_[r] /= std::sqrt(square);
+        for (int r = 0; r < m_ + r_; ++r) square += y_[r] * y_[r];
+        for (int r = 0; r < m_ + r_; ++r) direction[r] = y_[r] /= std::sqrt(square);
         const double margin = excluded(problem, y_);
         if (!(margin > proven)) return 0.0;
         violation(problem, worst);
@@ -466,7 +517,8 @@ private:
             Vector g[4];
             for (int j = 0; j < d_; ++j) {
                 g[j] = 0.0;
-                for (int r = 0; r < m_; ++r) g[j] = g[j] + Vector(y_[r]) * next_of(B_ + r * n + j * k_ + i, k_ - i);
+                for (int r = 0; r < m_ + r_; ++r)
+                    g[j] = g[j] + Vector(y_[r]) * next_of(B_ + r * n + j * k_ + i, k_ - i);
             }
             const Vector pulls = support(problem.friction, g), slope = g[e] - pulls;
             for (int l = 0; l < width && i + l < k_; ++l) {
@@ -477,6 +529,7 @@ private:
                 record.at_most[at] = s < -near && hi_[at] - near * (1.0 + hi_[at]) <= F;
             }
         }
+        for (int h = 0; h < r_; ++h) record.at_torque[h] = std::fabs(y_[m_ + h]) > near;
     }
 
     // Which limits are active.

@@ -1,5 +1,5 @@
-// The interior-point method for every force problem whose objective couples no two contacts: polyhedral and
-// second-order friction cones, bounds on F_n, powers of F_n, quadratic terms and torque rows.
+// The interior-point method for every force problem whose objective has no products of two contacts: polyhedral and
+// second-order friction cones, bounds on F_n, powers of F_n, the largest F_n, quadratic terms and torque rows.
 //
 // The iterates stay inside the cones and bounds; balance and torque rows hold in the limit. With B = [A; R],
 // multipliers l = [y; w] and per contact the Hessian H_i of the objective and of the barriers, a Newton step solves
@@ -21,7 +21,9 @@ inline namespace PINOGRASP_CORE_LEVEL {
 // facets, m rows of the balance and r torque rows. Takes its memory when it is made; none after that.
 class Interior {
 public:
-    Interior(int d, int round, int facets, int k, int m, int r) : room_(d, round, facets, k, m, r) {}
+    // `peak`: the largest F_n may be in the objective.
+    Interior(int d, int round, int facets, int k, int m, int r, bool peak = false)
+        : room_(d, round, facets, k, m, r, peak) {}
 
     // x (d k) and y (m + r) are results. With give > 0 the balance may be missed at a cost of |A x - b|^2 / (2 give).
     // Infeasible: y is a Farkas certificate.
@@ -53,7 +55,7 @@ private:
     template <int D, int R>
     Code iterate(const Problem& problem, double give, double* x, double* y, int& steps) {
         const Step<D, R> step{room_, problem, give};
-        const int count = (room_.facets + 2 + (R > 0 ? 1 : 0)) * room_.k + 2 * room_.r;
+        const int count = (room_.facets + 2 + (R > 0 ? 1 : 0) + (room_.topped ? 1 : 0)) * room_.k + 2 * room_.r;
         const double share = R > 0 ? to_second_order : to_boundary;
         State now;
         step.read();

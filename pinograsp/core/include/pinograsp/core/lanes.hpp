@@ -161,6 +161,13 @@ PINOGRASP_INLINE const double* numbers(const Vector* array) { return reinterpret
 PINOGRASP_INLINE double& in_lane(Vector& vector, int lane) { return numbers(&vector)[lane]; }
 PINOGRASP_INLINE double in_lane(const Vector& vector, int lane) { return numbers(&vector)[lane]; }
 
+// The next `width` numbers.
+PINOGRASP_INLINE Vector lanes_at(const double* from) {
+    Vector found;
+    std::memcpy(&found, from, sizeof found);
+    return found;
+}
+
 // Blocks of `width` that hold a number of contacts, rows or columns.
 constexpr int blocks_of(int count) { return (count + width - 1) / width; }
 

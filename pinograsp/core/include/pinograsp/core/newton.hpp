@@ -24,9 +24,9 @@ struct Gap {
     S value, bound;
 };
 
-template <class K, class S>
+template <class K, class S, class Of = Dual<K, S>>
 struct Newton {
-    using Truth = typename Dual<K, S>::Truth;
+    using Truth = typename Of::Truth;
 
     static constexpr double balanced = 1e-11;  // residual of the balance, relative to the load, in the last pass
     static constexpr double roughly = 1e-2;    // in early passes
@@ -35,7 +35,7 @@ struct Newton {
     static constexpr double first_weight = 0.1, shrink = 0.1, least_weight = 1e-3;  // proximal, from pass to pass
     static constexpr double closed = 1e-9;                                          // relative gap
 
-    Dual<K, S> dual;
+    Of dual;
     Cost<K>* costs = nullptr;
     int powers = 0;
     S coefficients[most_powers], exponents[most_powers];
@@ -69,7 +69,7 @@ struct Newton {
         for (int i = 0; i < dual.count; ++i) {
             const Block<K>& at = dual.blocks[i];
             Vector c[K::D];
-            at.columns_along(dual.y, c);
+            dual.slopes(i, dual.y, c);
             for (int j = 0; j < K::D; ++j) {
                 const Vector heavy = costs[i].P[j] * at.x[j];
                 c[j] = c[j] + costs[i].q[j] + heavy;
@@ -86,18 +86,18 @@ struct Newton {
             bound = bound + at.least(c);
         }
         Gap<S> found{sum_to<S>(value), sum_to<S>(bound)};
-        for (int r = 0; r < K::M; ++r) found.bound = found.bound - dual.b[r] * dual.y[r];
+        found.bound = found.bound - dual.limits_along(dual.y);
         return found;
     }
 };
 
 // Maximise the dual of one problem from its y, in at most `most` steps, until the balance holds to `tolerance`.
-template <class K>
-Code ascend(Dual<K, double>& dual, double tolerance, int most, int& steps) {
+template <class Of>
+Code ascend(Of& dual, double tolerance, int most, int& steps) {
     dual.begin(true);
     for (int it = 0; it < most; ++it, ++steps) {
         if (dual.residual() <= tolerance) return Code::converged;
-        const auto found = dual.step(true, it % 8 == 7);  // slow: does y itself diverge?
+        const auto found = dual.step(true, it % Of::patience == Of::patience - 1);  // slow: does y itself diverge?
         if (found.infeasible) return Code::infeasible;
         if (found.stalled) return Code::stalled;
     }
@@ -106,9 +106,9 @@ Code ascend(Dual<K, double>& dual, double tolerance, int most, int& steps) {
 
 // Minimise over the cones from the dual's y and x; these are the results. Infeasible: y is a ray. `least`: the smallest
 // entry of P.
-template <class K>
-Code minimise(Newton<K, double>& method, double least, int& steps) {
-    using N = Newton<K, double>;
+template <class K, class Of>
+Code minimise(Newton<K, double, Of>& method, double least, int& steps) {
+    using N = Newton<K, double, Of>;
     const bool strong = least >= N::strong, once = strong && method.powers == 0;
     double weight = strong ? 0.0 : N::first_weight;
     for (int pass = 0; pass < N::passes; ++pass) {
@@ -125,54 +125,27 @@ Code minimise(Newton<K, double>& method, double least, int& steps) {
     return Code::stalled;
 }
 
-// How far A x is from b, and the largest violation of friction and bounds on F_n.
-template <class S>
-struct Misses {
-    S balance, violation;
-};
-
-template <class S, class K>
-Misses<S> judge(const Block<K>* blocks, int count, const S* b) {
-    Vector total[K::M], worst = -infinity;
-    for (Vector& one : total) one = 0.0;
-    for (int i = 0; i < count; ++i) {
-        const Block<K>& at = blocks[i];
-        const Vector F = at.x[K::E];
-        Vector used = max(at.lo - F, F - at.hi);
-        if constexpr (K::R > 0) used = max(used, at.round_length(at.x) - F);
-        for (int j = K::R; j < K::E; ++j) used = max(used, abs(at.x[j]) * Vector(1.0 / K::radius(j)) - F);
-        worst = max(worst, used);
-        for (int r = 0; r < K::M; ++r)
-            for (int j = 0; j < K::D; ++j) total[r] = total[r] + at.a[j][r] * at.x[j];
-    }
-    S square = 0.0;
-    for (int r = 0; r < K::M; ++r) {
-        const S off = sum_to<S>(total[r]) - b[r];
-        square = square + off * off;
-    }
-    return {sqrt(square), largest_to<S>(worst)};
-}
-
-// The least |A x - b| of all admissible x: infeasible where it is proven, else stalled. `best` has room for the forces
-// of all blocks (count, D).
+// The least |A x - b| of all admissible x, with what their other rows miss: infeasible where it is proven, else
+// stalled. `best` has room for the forces of all blocks (count, D).
 //
 // Proximal passes: the weight w of the forces pulls towards the last answer, so it has no influence on the result, and
 // the balance gets stiffer from pass to pass. At the end the multipliers prove that no forces leave less.
-template <class K>
-Code closest(Dual<K, double>& dual, Vector* best, int most, int& steps) {
-    constexpr double first = 1e-3, stiffen = 0.1, least_give = 1e-7, near = 1e-8;
+template <class Of>
+Code closest(Of& dual, Vector* best, int most, int& steps) {
+    constexpr double first = 0.1, stiffen = 0.3, least_give = 1e-7, balanced = 1e-4, near = 1e-8;
     constexpr int passes = 20;
     double nearest = infinity;
     const int before = steps;
     dual.give = first;
-    for (double& one : dual.y) one = 0.0;
+    const int rows = dual.rows(), components = int(std::size(dual.blocks[0].x));
+    for (int r = 0; r < rows; ++r) dual.y[r] = 0.0;
     for (int i = 0; i < dual.count; ++i)
         for (Vector& one : dual.blocks[i].q) one = 0.0;
     for (int pass = 0; pass < passes; ++pass) {
-        ascend(dual, 1e-9, most, steps);
-        const double off = judge(dual.blocks, dual.count, dual.b).balance;
+        ascend(dual, balanced, most, steps);
+        const double off = dual.missed();
         double size = 0.0;
-        for (double one : dual.y) size += one * one;
+        for (int r = 0; r < rows; ++r) size += dual.y[r] * dual.y[r];
         const double least = dual.least_along(dual.y) / max(std::sqrt(size), 1e-300);
         if (off - least <= near * max(off, 1.0)) {
             dual.give = 0.0;
@@ -181,18 +154,18 @@ Code closest(Dual<K, double>& dual, Vector* best, int most, int& steps) {
         const bool better = off < nearest;
         const double stiffer = max(dual.give * stiffen, least_give);
         for (int i = 0; i < dual.count; ++i)
-            for (int j = 0; j < K::D; ++j) {
-                Block<K>& at = dual.blocks[i];
-                if (better) best[i * K::D + j] = at.x[j];
+            for (int j = 0; j < components; ++j) {
+                auto& at = dual.blocks[i];
+                if (better) best[i * components + j] = at.x[j];
                 at.q[j] = -at.w[j] * at.x[j];
             }
         nearest = min(off, nearest);
         if (steps - before > passes / 2 * most) break;
-        for (double& one : dual.y) one *= dual.give / stiffer;
+        for (int r = 0; r < rows; ++r) dual.y[r] *= dual.give / stiffer;
         dual.give = stiffer;
     }
     for (int i = 0; i < dual.count; ++i)
-        for (int j = 0; j < K::D; ++j) dual.blocks[i].x[j] = best[i * K::D + j];
+        for (int j = 0; j < components; ++j) dual.blocks[i].x[j] = best[i * components + j];
     dual.give = 0.0;
     return Code::stalled;
 }

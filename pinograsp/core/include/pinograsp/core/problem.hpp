@@ -1,6 +1,6 @@
 // A force problem, dimensionless: k contacts with d components each, the normal force F_n the last of them.
 //
-//     minimise  1/2 x'Px + q'x + sum phi(F_n)
+//     minimise  1/2 x'Px + q'x + sum phi(F_n) + peak max F_n
 //     subject to  A x = b,  R_lo <= R x <= R_hi,  friction,  lo <= F_n <= hi
 //
 // Arrays are by component: component j of contact i is entry j k + i, so that contacts are neighbours in memory.
@@ -47,11 +47,14 @@ struct Problem {
     const double* P = nullptr;                      // blocks of the contacts, symmetric (d, d, k)
     const double* q = nullptr;                      // (d k)
     Powers powers;
+    double peak = 0.0;
 };
 
-// D components of a force, the first R of them in a cone; M rows of the balance.
-template <int D_, int R_>
+// D components of a force, the first R of them in a cone; M rows of the balance. Fine: the first two are in a regular
+// polygon of more than four corners.
+template <int D_, int R_, bool Fine = false>
 struct Shape {
+    static constexpr bool fine = Fine;
     static constexpr int D = D_, R = R_, M = 6, E = D_ - 1;
     static constexpr int groups = (R_ > 0 ? 1 : 0) + E - R_;  // of components that saturate together
     static constexpr int sets = 1 << groups;
@@ -79,6 +82,13 @@ auto of_shape(int d, int round, const F& f) {
         default:
             return f(Shape<4, 3>{});
     }
+}
+
+// The same; `edges`: of the polygon, where there is no cone.
+template <class F>
+auto of_shape(int d, int round, int edges, const F& f) {
+    if (round > 0 || edges <= 4) return of_shape(d, round, f);
+    return d == 3 ? f(Shape<3, 0, true>{}) : f(Shape<4, 0, true>{});
 }
 
 }  // namespace PINOGRASP_CORE_LEVEL

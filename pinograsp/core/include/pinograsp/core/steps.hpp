@@ -17,23 +17,29 @@ inline namespace PINOGRASP_CORE_LEVEL {
 // All that a solve works in.
 //
 // Limits, in this order: facets of the cones (one block after the other for each facet), F_n, torque rows. Arrays of
-// slacks hold their lower sides, then the upper ones, which facets do not have.
+// slacks hold their lower sides, then the upper ones, which facets do not have, then how far each F_n is below the top,
+// an unknown of its own that stands for the largest F_n where that is in the objective.
 struct Room {
     int d, round, facets, k, m, r;
+    bool topped;  // whether there is a top
     int rows = m + r, blocks = blocks_of(k), row_blocks = blocks_of(r), length = d * blocks;
     int normal = facets * blocks, torque = normal + blocks;  // where in the limits those on F_n begin, and torque rows
     int limits = torque + row_blocks, up = limits - normal;  // how far it is to an upper side
-    int slacks = limits + up;
+    int below = limits + up, slacks = below + (topped ? blocks : 0);
+    double top = 0.0, top_step = 0.0, top_pivot = 1.0;
     bool quadratic = false;  // whether the objective has quadratic terms
 
-    Room(int d_, int round_, int facets_, int k_, int m_, int r_)
-        : d(d_), round(round_), facets(facets_), k(k_), m(m_), r(r_) {
+    Room(int d_, int round_, int facets_, int k_, int m_, int r_, bool topped_)
+        : d(d_), round(round_), facets(facets_), k(k_), m(m_), r(r_), topped(topped_) {
         each([&](auto*& part, std::size_t count) {
             part = memory_.template part<std::remove_reference_t<decltype(*part)>>(count);
         });
         for (int l = 0; l < slacks; ++l) {
-            const bool rowwise = l >= torque && (l < limits || l >= limits + blocks);
-            const int block = l < torque ? l % blocks : rowwise ? (l - torque) % up : l - limits;
+            const bool rowwise = l < below && l >= torque && (l < limits || l >= limits + blocks);
+            const int block = l < torque   ? l % blocks
+                              : l >= below ? l - below
+                              : rowwise    ? (l - torque) % up
+                                           : l - limits;
             const int left = (rowwise ? r : k) - block * width;
             for (int lane = 0; lane < width; ++lane) numbers(live + l)[lane] = lane < left ? 1.0 : 0.0;
         }
@@ -51,6 +57,9 @@ struct Room {
     Vector *off = nullptr, *product = nullptr, *target = nullptr, *live = nullptr;
     // Per limit, both sides together: values along a vector, and weights.
     Vector *along = nullptr, *weights = nullptr;
+    // What the top adds to T (blocks), to the Schur complement, and that divided by it (rows).
+    Vector* top_T = nullptr;
+    double *top_S = nullptr, *top_solved = nullptr;
     // Forces, their step, the gradient; the last forces whose gap was measured.
     Vector *x = nullptr, *dx = nullptr, *gradient = nullptr, *best = nullptr;
     // Hessians of the contacts, then their factors; T = H^-1/2 B'.
@@ -71,6 +80,8 @@ private:
         all(length, q, x, dx, gradient, best);
         all(slacks, s, z, ds, dz, w, inverse, off, product, target, live);
         all(limits, along, weights);
+        all(topped ? blocks : 0, top_T);
+        all(topped ? n : 0, top_S, top_solved);
         all(cones, cone_z, cone_dz, centring);
         all(round > 0 ? cones + blocks : 0, scaling);
         all(n, row, y, dy, best_y, zeros);
@@ -131,6 +142,16 @@ struct Step {
             at.s[l] = at.along[l] - at.lo[b];
             at.s[l + at.up] = at.hi[b] - at.along[l];
         }
+        at.top = at.top_step = 0.0;
+        if (at.topped) {
+            Vector most = 0.0;
+            for (int b = 0; b < at.blocks; ++b) most = max(most, at.live[at.below + b] * at.along[at.normal + b]);
+            at.top = 2.0 * largest(most);
+            for (int b = 0; b < at.blocks; ++b) {
+                const Vector live = at.live[at.below + b];
+                at.s[at.below + b] = select(live > Vector(0.0), Vector(at.top) - at.along[at.normal + b], Vector(1.0));
+            }
+        }
         const double* along = at.rows_of(at.along);
         for (int r = 0; r < at.row_blocks * width; ++r) {
             const double least = r < at.r ? problem.R_lo[r] : -1.0, most = r < at.r ? problem.R_hi[r] : 1.0;
@@ -182,7 +203,7 @@ struct Step {
                 H[upper<D>(E, E)] = H[upper<D>(E, E)] + live * own.second;
             }
         }
-        return sum(value);
+        return sum(value) + problem.peak * at.top;
     }
 
     // Adds the barriers to the Hessian, factors it and the Schur complement; returns the sum of the complementarity.
@@ -194,6 +215,7 @@ struct Step {
             products = products + at.s[l] * at.z[l];
         }
         both_sides(at.w, 1.0, at.weights);
+        double tops = 0.0;  // weight of the top, less what the contacts' matrices take of it
         for (int b = 0; b < at.blocks; ++b) {
             Vector H[triangle<D>];
             for (int l = 0; l < triangle<D>; ++l) H[l] = at.H[b * triangle<D> + l];
@@ -201,6 +223,11 @@ struct Step {
             if constexpr (R > 0) products = products + scale_cones(b, H);
             factor_contacts<D>(H);
             for (int l = 0; l < triangle<D>; ++l) at.H[b * triangle<D> + l] = H[l];
+            if (at.topped) {
+                const Vector w = at.w[at.below + b], t = w * H[upper<D>(E, E)];
+                at.top_T[b] = t;
+                tops += sum(w - t * t);
+            }
             for (int r = 0; r < at.rows; ++r) {
                 Vector v[D];
                 for (int j = 0; j < D; ++j) v[j] = at.B[r * at.length + j * at.blocks + b];
@@ -208,10 +235,17 @@ struct Step {
                 for (int j = 0; j < D; ++j) at.T[r * at.length + j * at.blocks + b] = v[j];
             }
         }
-        gram(at.T, at.rows, at.length, at.S);
+        inner_products(at.T, at.T, at.rows, at.length, at.S);
         const double* weights = at.rows_of(at.weights);
         for (int r = 0; r < at.rows; ++r) at.S[r * (at.rows + 1)] += r < at.m ? give : 1.0 / weights[r - at.m];
         factor(at.S, at.rows);
+        if (at.topped) {
+            for (int r = 0; r < at.rows; ++r)
+                at.top_S[r] = at.top_solved[r] = dot(at.T + r * at.length + E * at.blocks, at.top_T, at.blocks);
+            solve(at.S, at.top_solved, at.rows);
+            for (int r = 0; r < at.rows; ++r) tops += at.top_S[r] * at.top_solved[r];
+            at.top_pivot = max(tops, 1e-300);
+        }
         return sum(products);
     }
 
@@ -235,7 +269,9 @@ struct Step {
                         out = out + at.centring[b * (R + 1) + j];
                     }
             both_sides(at.target, -1.0, at.along);
-            newton_step(at.y);
+            Vector push = 0.0;
+            for (int l = at.below; l < at.slacks; ++l) push = push + at.target[l];
+            newton_step(at.y, sum(push) - problem.peak);
             limits_along(at.dx);
             alpha = steps_of_slacks(corrector ? 1.0 / share : 1.0);
             if constexpr (R > 0) alpha = step_cones(corrector, alpha);
@@ -258,6 +294,7 @@ struct Step {
             at.off[l] = at.off[l] * rest;
         }
         for (int l = 0; l < at.length; ++l) at.x[l] = at.x[l] + a * at.dx[l];
+        at.top += alpha * at.top_step;
         if constexpr (R > 0)
             for (int l = 0; l < (R + 1) * at.blocks; ++l) at.cone_z[l] = at.cone_z[l] + a * at.cone_dz[l];
         for (int r = 0; r < at.m; ++r) at.y[r] += alpha * at.dy[r];
@@ -272,7 +309,7 @@ struct Step {
             for (int l = 0; l < at.slacks; ++l) at.target[l] = pass > 0 ? Vector(0.0) : at.w[l] * at.off[l];
             both_sides(at.target, -1.0, at.along);
             for (int l = 0; l < at.length; ++l) at.dx[l] = 0.0;
-            newton_step(at.zeros);
+            newton_step(at.zeros, 0.0);
             for (int l = 0; l < at.length; ++l) at.x[l] = at.x[l] + at.dx[l];
             for (int r = 0; r < at.m; ++r) at.row[r] = balance(r);
         }
@@ -293,6 +330,10 @@ private:
     void both_sides(const Vector* v, double sign, Vector* out) const {
         for (int l = 0; l < at.normal; ++l) out[l] = v[l];
         for (int l = at.normal; l < at.limits; ++l) out[l] = v[l] + Vector(sign) * v[l + at.up];
+        for (int l = at.below; l < at.slacks; ++l) {
+            Vector& own = out[l - at.below + at.normal];
+            own = own + Vector(sign) * v[l];
+        }
     }
 
     // Values of all limits along v, in `along`.
@@ -327,8 +368,8 @@ private:
     }
 
     // Newton steps of forces and multipliers. dx: on entry the right-hand side without the limits' part, which is in
-    // `along`. `y`: multipliers of the torque rows that the right-hand side already has.
-    void newton_step(const double* y) const {
+    // `along`, and `push`, that of the top. `y`: multipliers of the torque rows that the right-hand side already has.
+    void newton_step(const double* y, double push) const {
         const double *sides = at.rows_of(at.along), *weights = at.rows_of(at.weights), *C = problem.friction.C;
         for (int b = 0; b < at.blocks; ++b) {
             Vector v[D];
@@ -348,6 +389,16 @@ private:
                 (t < 0 ? at.row[r] : (-sides[t] - y[r]) / weights[t]) + dot(at.T + r * at.length, at.dx, at.length);
         }
         solve(at.S, at.dy, at.rows);
+        if (at.topped) {
+            push += dot(at.top_T, at.dx + E * at.blocks, at.blocks);
+            for (int r = 0; r < at.rows; ++r) push -= at.top_S[r] * at.dy[r];
+            at.top_step = push / at.top_pivot;
+            for (int r = 0; r < at.rows; ++r) at.dy[r] += at.top_step * at.top_solved[r];
+            for (int b = 0; b < at.blocks; ++b) {
+                Vector& own = at.dx[E * at.blocks + b];
+                own = own + Vector(at.top_step) * at.top_T[b];
+            }
+        }
         add_combination(at.T, at.rows, at.length, at.dy, -1.0, at.dx);
         for (int b = 0; b < at.blocks; ++b) {
             Vector v[D];
@@ -362,7 +413,10 @@ private:
     double steps_of_slacks(double alpha) const {
         Vector most = alpha;
         for (int l = 0; l < at.slacks; ++l) {
-            const Vector along = l < at.limits ? at.along[l] : -at.along[l - at.up];
+            const Vector along = l < at.limits ? at.along[l]
+                                 : l < at.below
+                                     ? -at.along[l - at.up]
+                                     : at.live[l] * (Vector(at.top_step) - at.along[l - at.below + at.normal]);
             const Vector s = at.s[l], z = at.z[l], ds = along - at.off[l], dz = at.target[l] - z - at.w[l] * along;
             most = select(s + most * ds < Vector(0.0), -s / ds, most);
             most = select(z + most * dz < Vector(0.0), -z / dz, most);
