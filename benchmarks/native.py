@@ -1,6 +1,7 @@
 """The core beside Clarabel and DAQP, through the public Python interface, nothing warmed up by the caller.
 
     python benchmarks/native.py [--contacts 3 15 50] [--blocks 40]
+    python benchmarks/native.py --regimes [--contacts 3 5 15 50]
 
 Least squares on exact cones and pyramids: seeded grasps of forces.py, a new load at every call, cold starts. Methods
 take turns in blocks of 50 calls, so that all meet the same machine; a ratio is that of a block to the core's block
@@ -8,7 +9,15 @@ before it, and the median of these is given. "step": ``OnlineForces.step`` witho
 in the time. "optimize_forces": with its full record, of ``problem.with_load(load)``, which is in the time, too; "same
 load": of the problem itself. Clarabel and DAQP: their own interfaces on matrices that are ready, the load alone is set.
 "multipliers": the QP at fixed normal forces in the box, of the paper's grasp (3 rows, which balance), and of the
-seeded grasps under loads that nothing balances (6 rows). Writes native.csv beside this file."""
+seeded grasps under loads that nothing balances (6 rows). Writes native.csv beside this file.
+
+``--regimes``: where Newton's method alone is not enough, too. Seeded grasps, pyramids of four edges and least squares
+where nothing else is said; "torque rows": joint torques limited, three joints for each contact, some of which bind;
+"near the limit": 1e-4 below the largest load that is held; "infeasible": half above it. "ours" is ``ForceSolver.solve``
+with its whole record, certificate or proof included, prepared under another load of the same grasp; "core" what of it
+is the core's call, whose arrays are ready, as those of the others are: their own interfaces, at their default
+tolerances. DAQP takes no cones. Processor time in microseconds; the three take turns on each problem, in blocks of ten
+calls. Writes regimes.csv."""
 
 from __future__ import annotations
 
@@ -18,9 +27,11 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import clarabel
 import daqp
 import forces
 import numpy as np
+import scipy.sparse as sp
 from results import header, table, write_rows
 from tqdm import tqdm
 
@@ -30,6 +41,21 @@ from pinograsp.forces import MultiplierQP
 
 HERE = Path(__file__).resolve().parent
 GRASPS, AT_ONCE = 8, 50
+# Friction, whether torques are limited, objective, multiple of the largest load (None: loads well within).
+REGIMES = {
+    "basic": (pg.Friction(), False, "least_squares", None),
+    "torque rows": (pg.Friction(), True, "least_squares", None),
+    "8 edges": (pg.Friction(edges=8), False, "least_squares", None),
+    "16 edges": (pg.Friction(edges=16), False, "least_squares", None),
+    "second-order cone": (pg.Friction(model="cone"), False, "least_squares", None),
+    "peak": (pg.Friction(), False, "peak", None),
+    "near the limit": (pg.Friction(), False, "least_squares", 1 - 1e-4),
+    "near the limit, torque rows": (pg.Friction(), True, "least_squares", 1 - 1e-4),
+    "infeasible": (pg.Friction(), False, "least_squares", 1.5),
+    "infeasible, 8 edges": (pg.Friction(edges=8), False, "least_squares", 1.5),
+    "infeasible, torque rows": (pg.Friction(), True, "least_squares", 1.5),
+}
+REGIME_LOADS, REGIME_CALLS = 3, 10  # per grasp, per problem
 
 
 def methods_of(case, model: str) -> dict:
@@ -119,11 +145,116 @@ def compared(name: str, made: list, blocks: int, bar) -> list[dict]:
     return rows
 
 
+def problems_of(case, friction, limited: bool, multiple: float | None) -> list:
+    """Problems of a grasp, each under a load of its own."""
+    base = replace(case.base, friction=friction, torques=case.base.torques if limited else None)
+    found = []
+    for load in case.loads[:REGIME_LOADS]:
+        problem = base.with_load(load)
+        if multiple is not None:
+            largest = pg.forces.load_factor(problem, impact_time=forces.IMPACT_TIME)
+            if largest is None or not np.isfinite(largest):
+                continue
+            problem = base.with_load(multiple * largest * load)
+        found.append(problem)
+    return found
+
+
+def solvers_of(problem, objective: str, solver) -> dict:
+    """Name -> a function without arguments that solves the problem; ``solver``: of the same grasp and objective."""
+    prepared, k = solver.prepared, problem.k
+    active = np.empty(3 * k + (0 if problem.torques is None else len(problem.torques.limit)), dtype=bool)
+    multipliers, numbers = np.empty(6 + len(active) - 3 * k), np.empty(6 + 4 * k)
+
+    def core():
+        if not prepared._prepared.solve(problem.load, numbers, active)[0]:
+            prepared._prepared.prove(problem.load, multipliers, numbers, active)
+
+    socp = forces_socp(problem, objective)
+    found = {
+        "ours": lambda: solver.solve(problem.load),
+        "core": core,
+        "clarabel": lambda: clarabel.DefaultSolver(*socp).solve(),
+    }
+    if problem.friction.polyhedral:
+        qp = forces_qp(problem, objective)
+        found["daqp"] = lambda: daqp.solve(*qp)
+    return found
+
+
+def forces_socp(problem, objective: str) -> tuple:
+    """Clarabel's arguments."""
+    socp = pg.forces.to_socp(problem, forces.IMPACT_TIME, objective=objective)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    upper = sp.csc_matrix(sp.triu(socp.P))
+    return upper, np.array(socp.q), socp.A, np.array(socp.b), socp.cones.clarabel(), settings
+
+
+def forces_qp(problem, objective: str) -> tuple:
+    """DAQP's arguments."""
+    qp = pg.forces.to_qp(problem, forces.IMPACT_TIME, objective=objective)
+    upper = np.concatenate([qp.ub, qp.h, qp.b])
+    lower = np.concatenate([qp.lb, np.full(len(qp.h), -np.inf), qp.b])
+    sense = np.zeros(len(upper), dtype=np.intc)
+    sense[-len(qp.b) :] = 5  # equations
+    rows = np.ascontiguousarray(np.concatenate([qp.G, qp.A]))
+    return np.array(qp.P), np.array(qp.q), rows, np.minimum(upper, 1e30), np.maximum(lower, -1e30), sense
+
+
+def regime(name: str, cases: list) -> dict:
+    """A row of the table."""
+    friction, limited, objective, multiple = REGIMES[name]
+    spent: dict[str, list] = {}
+    answered = []
+    for case in cases:
+        problems = problems_of(case, friction, limited, multiple)
+        for problem in problems:
+            solver = pg.ForceSolver(problems[0], forces.IMPACT_TIME, objective=objective)
+            answered.append(solver.solve(problem.load).status)
+            for method, solve in solvers_of(problem, objective, solver).items():
+                spent.setdefault(method, []).extend(processor_time(solve) for _ in range(REGIME_CALLS))
+    expected = pg.Status.INFEASIBLE if multiple is not None and multiple > 1 else pg.Status.OK
+    row = {"regime": name, "contacts": cases[0].base.k, "problems": len(answered)}
+    row["right"] = sum(status is expected for status in answered)
+    for method in ("ours", "core", "daqp", "clarabel"):
+        own = spent.get(method)
+        row[f"{method}_median_us"] = f"{np.median(own):.1f}" if own else ""
+        row[f"{method}_p99_us"] = f"{np.percentile(own, 99):.0f}" if own else ""
+    row["fastest"] = min((method for method in spent if method != "core"), key=lambda method: np.median(spent[method]))
+    return row
+
+
+def processor_time(solve) -> float:
+    """Microseconds of this thread's."""
+    before = time.thread_time_ns()
+    solve()
+    return 1e-3 * (time.thread_time_ns() - before)
+
+
+def regimes(contacts: list[int]) -> None:
+    rows = []
+    with tqdm(total=len(contacts) * len(REGIMES), unit="regime") as bar:
+        for k in contacts:
+            rng = np.random.default_rng([forces.SEED, k])
+            cases = [forces.grasp(rng, k) for _ in range(GRASPS if k < 50 else GRASPS // 2)]
+            for name in REGIMES:
+                rows.append(regime(name, cases))
+                bar.update()
+    print(table(rows))
+    write_rows(HERE / "regimes.csv", header(("numpy", "clarabel", "daqp")), rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--contacts", type=int, nargs="+", default=[3, 15, 50])
+    parser.add_argument("--contacts", type=int, nargs="+")
     parser.add_argument("--blocks", type=int, default=40)
+    parser.add_argument("--regimes", action="store_true", help="the table of regimes instead")
     options = parser.parse_args()
+    if options.regimes:
+        regimes(options.contacts or [3, 5, 15, 50])
+        return
+    options.contacts = options.contacts or [3, 15, 50]
     rows = []
     with tqdm(total=options.blocks * (2 * len(options.contacts) + 2), unit="block") as bar:
         for k in options.contacts:

@@ -38,9 +38,9 @@ def optimize_forces(
         solver: a name of :func:`~pinograsp.forces.available_solvers`: a compiled method, any solver that qpsolvers
             finds, or one of your own (:func:`~pinograsp.forces.register_solver`). QP solvers take grasp energies and
             friction cones as a sequence of QPs, Clarabel takes both as they are. ``"auto"``: with the core installed
-            one of its methods, either Newton on the dual (``"newton"``; cones, soft fingers and 4-edge pyramids
-            without torque limits) or interior points (``"interior"``; all but peak and coupled motor heat); else DAQP
-            up to 20 contacts, Clarabel above.
+            one of its methods, either Newton on the dual (``"newton"``; grasp energies and, but for soft fingers, least
+            squares, with torque limits or without) or interior points (``"interior"``; peak and motor heat, too, but
+            not that of joints that several contacts load); else DAQP up to 20 contacts, Clarabel above.
             Where a solver cannot take the problem, or its answer fails the certificate, DAQP and Clarabel follow; the
             record says which one answered.
 

@@ -59,14 +59,13 @@ PINOGRASP_INLINE void solve(const S* H, S* v) {
 // Whether they are all zero.
 PINOGRASP_INLINE bool none_of(const double* from) { return !any(abs(lanes_at(from)) > Vector(0.0)); }
 
-// The same for n rows, known at run time only; H (n, n), of which the upper triangle is used.
+// The same for n rows, known at run time only; H (n, n), of which the upper triangle is used, and the first column for
+// itself. The floor of a pivot is its own: the sizes of rows may be far apart.
 inline void factor(double* H, int n) {
-    double most = 0.0;
-    for (int r = 0; r < n; ++r) most = max(most, H[r * n + r]);
-    const double floor = 1e-15 * most + 1e-300;
+    for (int r = 1; r < n; ++r) H[r * n] = H[r * (n + 1)];
     for (int r = 0; r < n; ++r) {
         double* row = H + r * n;
-        const double inverse = 1.0 / max(row[r], floor);
+        const double inverse = 1.0 / max(row[r], 1e-15 * row[0] + 1e-300);
         row[r] = inverse;
         for (int i = r + 1; i < n; ++i) {
             while (i + width <= n && none_of(row + i)) i += width;

@@ -132,7 +132,7 @@ Code minimise(Newton<K, double, Of>& method, double least, int& steps) {
 // the balance gets stiffer from pass to pass. At the end the multipliers prove that no forces leave less.
 template <class Of>
 Code closest(Of& dual, Vector* best, int most, int& steps) {
-    constexpr double first = 0.1, stiffen = 0.3, least_give = 1e-7, balanced = 1e-4, near = 1e-8;
+    constexpr double first = 0.1, stiffen = 0.3, least_give = 1e-7, sharp = 1e-2, near = 1e-8;
     constexpr int passes = 20;
     double nearest = infinity;
     const int before = steps;
@@ -142,7 +142,7 @@ Code closest(Of& dual, Vector* best, int most, int& steps) {
     for (int i = 0; i < dual.count; ++i)
         for (Vector& one : dual.blocks[i].q) one = 0.0;
     for (int pass = 0; pass < passes; ++pass) {
-        ascend(dual, balanced, most, steps);
+        ascend(dual, max(sharp * dual.give, 1e-9), most, steps);
         const double off = dual.missed();
         double size = 0.0;
         for (int r = 0; r < rows; ++r) size += dual.y[r] * dual.y[r];

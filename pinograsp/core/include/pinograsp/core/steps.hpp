@@ -59,6 +59,7 @@ struct Room {
     Vector *along = nullptr, *weights = nullptr;
     // What the top adds to T (blocks), to the Schur complement, and that divided by it (rows).
     Vector* top_T = nullptr;
+    double* stiff = nullptr;  // steps of the torque rows from those of their multipliers
     double *top_S = nullptr, *top_solved = nullptr;
     // Forces, their step, the gradient; the last forces whose gap was measured.
     Vector *x = nullptr, *dx = nullptr, *gradient = nullptr, *best = nullptr;
@@ -86,6 +87,7 @@ private:
         all(round > 0 ? cones + blocks : 0, scaling);
         all(n, row, y, dy, best_y, zeros);
         all(n * n, S);
+        all(r, stiff);
     }
 
     Memory memory_;
@@ -224,9 +226,13 @@ struct Step {
             factor_contacts<D>(H);
             for (int l = 0; l < triangle<D>; ++l) at.H[b * triangle<D> + l] = H[l];
             if (at.topped) {
-                const Vector w = at.w[at.below + b], t = w * H[upper<D>(E, E)];
-                at.top_T[b] = t;
-                tops += sum(w - t * t);
+                // F_n is the last to be eliminated: its pivot alone takes the weight of the top.
+                const Vector w = at.w[at.below + b];
+                Vector& scale = at.H[b * triangle<D> + upper<D>(E, E)];
+                const Vector pivot = Vector(1.0) / (scale * scale), both = Vector(1.0) / (pivot + w);
+                tops += sum(w * pivot * both);
+                scale = H[upper<D>(E, E)] = sqrt(both);
+                at.top_T[b] = w * scale;
             }
             for (int r = 0; r < at.rows; ++r) {
                 Vector v[D];
@@ -270,9 +276,16 @@ struct Step {
                     }
             both_sides(at.target, -1.0, at.along);
             Vector push = 0.0;
-            for (int l = at.below; l < at.slacks; ++l) push = push + at.target[l];
+            for (int b = 0; b < (at.topped ? at.blocks : 0); ++b) {
+                const Vector own = at.target[at.below + b];
+                at.along[at.normal + b] = at.along[at.normal + b] - own;
+                push = push + own;
+            }
             newton_step(at.y, sum(push) - problem.peak);
             limits_along(at.dx);
+            // Where a torque row is all but fixed, rounding in its step would count in its multiplier many times.
+            for (int t = 0; t < at.r; ++t)
+                if (at.rows_of(at.weights)[t] > 1.0) at.rows_of(at.along)[t] = at.stiff[t];
             alpha = steps_of_slacks(corrector ? 1.0 / share : 1.0);
             if constexpr (R > 0) alpha = step_cones(corrector, alpha);
             if (!corrector) {
@@ -299,7 +312,13 @@ struct Step {
             for (int l = 0; l < (R + 1) * at.blocks; ++l) at.cone_z[l] = at.cone_z[l] + a * at.cone_dz[l];
         for (int r = 0; r < at.m; ++r) at.y[r] += alpha * at.dy[r];
         const double *low = at.rows_of(at.z), *high = at.rows_of(at.z + at.up);
-        for (int r = 0; r < at.r; ++r) at.y[at.m + r] = high[r] - low[r];
+        for (int r = 0; r < at.r; ++r) {
+            at.y[at.m + r] = high[r] - low[r];
+            // What the slacks are off: measured, as rounding adds up.
+            const double value = dot(at.B + (at.m + r) * at.length, at.x, at.length);
+            at.rows_of(at.off)[r] = at.rows_of(at.s)[r] - (value - problem.R_lo[r]);
+            at.rows_of(at.off + at.up)[r] = at.rows_of(at.s + at.up)[r] - (problem.R_hi[r] - value);
+        }
     }
 
     // Removes the residual that rounding leaves in the rows, in the barriers' metric: in it forces at their limits
@@ -330,10 +349,6 @@ private:
     void both_sides(const Vector* v, double sign, Vector* out) const {
         for (int l = 0; l < at.normal; ++l) out[l] = v[l];
         for (int l = at.normal; l < at.limits; ++l) out[l] = v[l] + Vector(sign) * v[l + at.up];
-        for (int l = at.below; l < at.slacks; ++l) {
-            Vector& own = out[l - at.below + at.normal];
-            own = own + Vector(sign) * v[l];
-        }
     }
 
     // Values of all limits along v, in `along`.
@@ -399,6 +414,7 @@ private:
                 own = own + Vector(at.top_step) * at.top_T[b];
             }
         }
+        for (int t = 0; t < at.r; ++t) at.stiff[t] = (at.dy[at.m + t] + sides[t] + y[at.m + t]) / weights[t];
         add_combination(at.T, at.rows, at.length, at.dy, -1.0, at.dx);
         for (int b = 0; b < at.blocks; ++b) {
             Vector v[D];
