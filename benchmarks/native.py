@@ -16,7 +16,7 @@ where nothing else is said; "torque rows": joint torques limited, three joints f
 "near the limit": 1e-4 below the largest load that is held; "infeasible": half above it. "ours" is ``ForceSolver.solve``
 with its whole record, certificate or proof included, prepared under another load of the same grasp; "core" what of it
 is the core's call, whose arrays are ready, as those of the others are: their own interfaces, at their default
-tolerances. DAQP takes no cones. Processor time in microseconds; the three take turns on each problem, in blocks of ten
+tolerances. DAQP takes no cones. Processor time in microseconds; the three take turns on each problem, in blocks of five
 calls. Writes regimes.csv."""
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ REGIMES = {
     "infeasible, 8 edges": (pg.Friction(edges=8), False, "least_squares", 1.5),
     "infeasible, torque rows": (pg.Friction(), True, "least_squares", 1.5),
 }
-REGIME_LOADS, REGIME_CALLS = 3, 10  # per grasp, per problem
+REGIME_LOADS, REGIME_CALLS = 3, 5  # per grasp, per problem
 
 
 def methods_of(case, model: str) -> dict:

@@ -66,7 +66,7 @@ def by_clarabel(problem: ForceProblem, objective: str) -> tuple[str, float]:
 @pytest.mark.parametrize("share", [None, 0.05])
 @pytest.mark.parametrize("edges", PYRAMIDS)
 @pytest.mark.parametrize("k", [3, 7, 15])
-def test_the_least_largest_force_is_that_of_highs(compiled_alone, k, edges, share):
+def test_the_least_largest_force_is_that_of_highs(k, edges, share):
     for problem in problems(k, 4, edges, share):
         qp, known = by_highs(problem)
         assert known.status in (0, 2), FRESH
@@ -74,7 +74,9 @@ def test_the_least_largest_force_is_that_of_highs(compiled_alone, k, edges, shar
         if known.status == 2:
             assert found.status is Status.INFEASIBLE, FRESH
             continue
-        assert found.status is Status.OK and found.solver == "interior", FRESH
+        assert found.status is Status.OK, FRESH
+        # With torque limits the program may be too degenerate for interior points: then DAQP answers.
+        assert found.solver == "interior" or share is not None, FRESH
         assert found.certificate.objective == pytest.approx(known.fun * qp.objective_scale, rel=1e-6), FRESH
         assert found.normal_forces.max() == pytest.approx(found.certificate.objective, rel=1e-9)
         assert found.certificate.is_optimal()
