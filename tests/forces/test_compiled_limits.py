@@ -20,6 +20,7 @@ from pinograsp.forces.torque_limits import TorqueLimits
 T_I = 0.85
 FRESH = int(np.random.default_rng().integers(10**6))
 PYRAMIDS = (4, 6, 8, 16)
+TIGHT = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def by_highs(problem: ForceProblem, objective: str = "peak"):
     """HiGHS's answer to the linear program, whose objective is the largest F_n."""
     qp = to_qp(problem, T_I, objective=objective)
     bounds = np.column_stack([qp.lb, qp.ub])
-    return qp, linprog(qp.q, qp.G, qp.h, qp.A, qp.b, bounds, method="highs")
+    return qp, linprog(qp.q, qp.G, qp.h, qp.A, qp.b, bounds, method="highs", options=TIGHT)
 
 
 def by_clarabel(problem: ForceProblem, objective: str) -> tuple[str, float]:
@@ -103,7 +104,7 @@ def test_up_to_the_largest_load(edges, limited):
     """Answers a little below the largest load that is held, proofs a little above it."""
     for problem in problems(5, 3, edges, 0.2 if limited else None):
         largest = load_factor(problem, impact_time=T_I)
-        if largest is None or not np.isfinite(largest):
+        if largest is None or not 1e-2 < largest < 1e3:
             continue
         for off in (1e-2, 1e-4, 1e-6):
             solver = ForceSolver(problem, T_I, objective="least_squares")
@@ -135,10 +136,9 @@ def test_proofs_with_torque_limits_are_sharp(compiled_alone, k, edges):
         fixed = -(proof.direction @ qp.b) * force + proof.joint_weights @ own.bias
         fixed -= np.abs(proof.joint_weights) @ own.usable
         friction = qp.G[: edges * k, :n]
-        least = linprog(
-            weights, friction, qp.h[: edges * k], bounds=np.column_stack([qp.lb, qp.ub])[:n], method="highs"
-        )
-        assert least.fun + fixed == pytest.approx(proof.margin, rel=1e-6), FRESH
+        within = np.column_stack([qp.lb, qp.ub])[:n]
+        least = linprog(weights, friction, qp.h[: edges * k], bounds=within, method="highs", options=TIGHT)
+        assert least.fun + fixed == pytest.approx(proof.margin, rel=1e-6, abs=1e-8 * force), FRESH
         named = {joint for joint, weight in zip(own.joints, proof.joint_weights) if weight}
         assert set(proof.at_torque) <= named
     assert proven, FRESH

@@ -22,6 +22,8 @@ from pinograsp.forces.solve.program import EnergyTerms, Program
 from pinograsp.forces.solve.template import Template
 from pinograsp.spatial import Array
 
+_NONE = np.zeros(0, dtype=np.intp)
+
 
 def arrays_of(program: Program, fixed: Template) -> tuple[Array | float, ...]:
     """A program as the core takes it: b, lo, hi, R_lo, R_hi, P, q, its powers and the weight of the largest F_n;
@@ -54,9 +56,6 @@ def solve_program(problem: ForceProblem, program: Program, fixed: Template, name
     w = np.zeros(len(program.R))
     w[fixed.order] = y[m:]
     return ProgramAnswer(x.reshape(d, k).T.ravel(), y[:m], w, Checks(violation, gauge, residual, value, bound))
-
-
-_NONE = np.zeros(0, dtype=np.intp)
 
 
 class CompiledForces(NamedTuple):

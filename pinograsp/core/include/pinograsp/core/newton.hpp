@@ -6,6 +6,8 @@
 // 1976). The passes end when the duality gap of the original objective is closed.
 #pragma once
 
+#include <iterator>
+
 #include "dual.hpp"
 #include "powers.hpp"
 
@@ -132,8 +134,8 @@ Code minimise(Newton<K, double, Of>& method, double least, int& steps) {
 // the balance gets stiffer from pass to pass. At the end the multipliers prove that no forces leave less.
 template <class Of>
 Code closest(Of& dual, Vector* best, int most, int& steps) {
-    constexpr double first = 0.1, stiffen = 0.3, least_give = 1e-7, sharp = 1e-2, near = 1e-8;
-    constexpr int passes = 20;
+    constexpr double first = 0.3, stiffen = 0.5, least_give = 1e-7, sharp = 0.1, near = 1e-8;
+    constexpr int passes = 30;
     double nearest = infinity;
     const int before = steps;
     dual.give = first;
@@ -160,7 +162,7 @@ Code closest(Of& dual, Vector* best, int most, int& steps) {
                 at.q[j] = -at.w[j] * at.x[j];
             }
         nearest = min(off, nearest);
-        if (steps - before > passes / 2 * most) break;
+        if (steps - before > 10 * most) break;
         for (int r = 0; r < rows; ++r) dual.y[r] *= dual.give / stiffer;
         dual.give = stiffer;
     }

@@ -217,7 +217,7 @@ struct Step {
             products = products + at.s[l] * at.z[l];
         }
         both_sides(at.w, 1.0, at.weights);
-        double tops = 0.0;  // weight of the top, less what the contacts' matrices take of it
+        double tops = 0.0;  // weight of the top, the forces and multipliers eliminated
         for (int b = 0; b < at.blocks; ++b) {
             Vector H[triangle<D>];
             for (int l = 0; l < triangle<D>; ++l) H[l] = at.H[b * triangle<D> + l];
