@@ -171,27 +171,26 @@ struct Block : Turned<K::fine> {
             slope = slope + select(slips, w[0], Vector(0.0));
             add_cone(a, H, slips, select(slips, F / norm, inverse_w[0]), ray);
         }
-        for (int j = K::R; j < K::E; ++j) {
+        const auto add_side = [&](int j, Vector own, const Vector* column) {
             const Vector r_j = radius(j);
-            Vector own = s[j], column[N];
-            for (int r = 0; r < N; ++r) column[r] = a[j][r];
-            if constexpr (K::fine)
-                if (j < 2) {
-                    Vector seen[2] = {s[0], s[1]};
-                    turn(this->across, seen);
-                    own = seen[j];
-                    for (int r = 0; r < N; ++r) {
-                        Vector both[2] = {a[0][r], a[1][r]};
-                        turn(this->across, both);
-                        column[r] = both[j];
-                    }
-                }
             const auto slips = abs(own) > w[j] * r_j * F;
             const Vector edge = select(slips, select(own > Vector(0.0), r_j, -r_j), Vector(0.0));
             slope = slope + edge * edge * w[j];
             for (int r = 0; r < N; ++r) ray[r] = ray[r] - edge * column[r];
             add_square<N>(H, select(slips, Vector(0.0), inverse_w[j]), column);
+        };
+        if constexpr (K::fine) {
+            Vector seen[2] = {s[0], s[1]}, columns[2][N];
+            turn(this->across, seen);
+            for (int r = 0; r < N; ++r) {
+                Vector both[2] = {a[0][r], a[1][r]};
+                turn(this->across, both);
+                columns[0][r] = both[0];
+                columns[1][r] = both[1];
+            }
+            for (int j = 0; j < 2; ++j) add_side(j, seen[j], columns[j]);
         }
+        for (int j = K::fine ? 2 : K::R; j < K::E; ++j) add_side(j, s[j], a[j]);
         add_square<N>(H, select((lo < F) & (F < hi), Vector(1.0) / slope, Vector(0.0)), ray);
     }
 
