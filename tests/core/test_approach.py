@@ -95,7 +95,9 @@ def test_closings_are_those_of_coal_alone(name, monkeypatch):
     rng = np.random.default_rng(seed)
     wide = [one for one in preshapes(hand, rng) if one.width > 0.01][:10]
     touching = 0
-    for _ in range(2):
+    for _ in range(30):
+        if touching > 5:
+            break
         shape = wide[int(rng.integers(len(wide)))]
         pose, size = np.eye(4), rng.uniform(0.2, 0.35) * min(shape.width, 0.08)
         between = pin.SE3(np.array(hand.pose)).act(shape.centre_h)
@@ -116,4 +118,4 @@ def test_closings_are_those_of_coal_alone(name, monkeypatch):
             assert sorted(touch.link for touch in found.touches) == sorted(touch.link for touch in alone.touches), seed
             assert np.abs(found.q - alone.q).max() < 2e-3, seed
             touching += len(found.touches) > 1
-    assert touching > 2, seed
+    assert touching > 5, seed

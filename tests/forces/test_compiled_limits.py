@@ -92,7 +92,7 @@ def test_torque_rows_and_edges_have_clarabels_optimum(compiled_alone, k, edges, 
         found = optimize_forces(problem, T_I, objective=objective)
         assert (found.status is Status.OK) == (status == "Solved"), (FRESH, status)
         if found.status is Status.OK:
-            assert found.solver == "newton" and found.certificate.is_optimal()
+            assert found.solver in ("newton", "interior") and found.certificate.is_optimal()
             assert found.certificate.objective == pytest.approx(value, rel=1e-5), FRESH
             torque = problem.torques.torques(np.einsum("kij,kj->ki", problem.contacts.rotations_oc, found.forces_c))
             assert np.all(np.abs(torque) <= problem.torques.usable * (1 + 1e-6) + 1e-9)
@@ -119,7 +119,9 @@ def test_proofs_with_torque_limits_are_sharp(compiled_alone, k, edges):
     balance and torque limits by no more.
     """
     proven = 0
-    for problem in problems(k, 6, edges, 0.01):
+    for problem in problems(k, 60, edges, 0.01):
+        if proven > 3:
+            break
         found = optimize_forces(problem, T_I, objective="least_squares")
         if found.status is Status.OK:
             continue
@@ -141,4 +143,4 @@ def test_proofs_with_torque_limits_are_sharp(compiled_alone, k, edges):
         assert least.fun + fixed == pytest.approx(proof.margin, rel=1e-6, abs=1e-8 * force), FRESH
         named = {joint for joint, weight in zip(own.joints, proof.joint_weights) if weight}
         assert set(proof.at_torque) <= named
-    assert proven, FRESH
+    assert proven > 3, FRESH
