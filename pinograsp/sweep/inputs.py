@@ -17,6 +17,7 @@ from pinograsp.errors import PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.hands.file_reads import ABSENT, digest_of, noting_files
+from pinograsp.hands.mesh_file import pack_shapes
 from pinograsp.objects import load_object
 from pinograsp.objects.lookup import MESHES, find_object
 from pinograsp.sweep.certified_table import RowSource
@@ -65,11 +66,15 @@ def _digest(file: Path) -> str:
 
 def settings_of_hand(hand: HandModel) -> dict[str, str]:
     """Digests of all of a hand that certificates depend on, by its attributes."""
-    geometry = hand.geometry.copy()
-    for one in geometry.geometryObjects:
-        one.meshPath = ""
+    shapes = [one.geometry for one in hand.geometry.geometryObjects]
+    for shape in [*shapes, *hand.own_shapes]:
+        shape.computeLocalAABB()  # which coal writes down once it is known
+    geometry = [
+        (one.name, one.parentJoint, one.placement.homogeneous, shape)
+        for one, shape in zip(hand.geometry.geometryObjects, pack_shapes(shapes))
+    ]
     values = {one.name: getattr(hand, one.name) for one in fields(hand) if one.name not in _BESIDE_THE_POINT}
-    values |= {"geometry": geometry, "couplings": dict(hand.couplings)}
+    values |= {"geometry": geometry, "own_shapes": pack_shapes(hand.own_shapes), "couplings": dict(hand.couplings)}
     return {name: _digest_value(value) for name, value in values.items()}
 
 

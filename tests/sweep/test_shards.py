@@ -11,6 +11,8 @@ from killing import finish_in_spite_of_kills
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput, ResultsNotWritten
+from pinograsp.hands import load_hand
+from pinograsp.objects import Box
 from pinograsp.sweep import (
     DataSet,
     certified_store,
@@ -23,6 +25,7 @@ from pinograsp.sweep import (
     runner,
     sweep,
 )
+from pinograsp.sweep.inputs import settings_of_hand
 from pinograsp.sweep.shards import FileDeal, Shard, deal_rows, write_numbers
 
 pytest.importorskip("pyarrow")
@@ -289,3 +292,12 @@ def test_the_commands_tell_what_is_missing(tmp_path, command):
 
 def test_numbers_are_written_as_job_arrays_take_them():
     assert write_numbers([3, 17, 40, 41, 42]) == "3,17,40-42" and write_numbers([]) == "" and write_numbers([1]) == "1"
+
+
+@pytest.mark.parametrize("name", ["panda", "g1_left"])
+def test_what_a_hand_was_used_for_makes_it_no_other(name):
+    """Coal keeps boxes and hulls of meshes as they are asked for: what identifies a run has none of these."""
+    hand = load_hand(name)
+    before = settings_of_hand(hand)
+    pg.find_grasps(hand, Box(size=(0.03, 0.03, 0.05), mass=0.1), pg.GraspConditions(mu=0.6), count=4, jobs=1)
+    assert settings_of_hand(hand) == before == settings_of_hand(load_hand(name))
