@@ -8,28 +8,24 @@ import numpy as np
 import pytest
 import trimesh
 from killing import finish_in_spite_of_kills
+from shard_runs import CONDITIONS, certify_into, certify_shard, data_in, sweep_shard
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.hands import load_hand
 from pinograsp.objects import Box
 from pinograsp.sweep import (
-    DataSet,
     certified_store,
-    certify_files,
     find_missing_grasps,
     find_missing_rows,
     read_certified,
     read_sweep,
-    run,
-    runner,
     sweep,
 )
 from pinograsp.sweep.inputs import settings_of_hand
 from pinograsp.sweep.shards import FileDeal, Shard, deal_rows, write_numbers
 
 pytest.importorskip("pyarrow")
-CONDITIONS = pg.GraspConditions(mu=0.6)
 FORCES = {
     "case": "paper",
     "what": "forces",
@@ -56,34 +52,6 @@ def make_data(folder, counts):
         files.append(folder / f"{i}.json")
         files[-1].write_text(json.dumps({"object": {"file": "box.obj", "scale": 1.0}, "grasps": grasps}))
     return files
-
-
-def data_in(folder, files):
-    return DataSet(
-        files=files, hand=pg.load_hand("panda"), objects=folder / "meshes", mass=0.1, convention="panda_graspgen"
-    )
-
-
-def certify_into(out, data, shard=None, conditions=CONDITIONS):
-    return certify_files(data, out, conditions, jobs=1, progress=False, shard=shard)
-
-
-def certify_shard(folder, files, block, shards, begun, number):
-    """In a process that may be killed: written after each block."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(certified_store, "_BLOCK", block)
-        patch.setattr(runner, "_SAVED_EVERY", 0.0)
-        data = data_in(folder, files)
-        begun()
-        certify_into(folder / "out", data, (number, shards))
-
-
-def sweep_shard(out, spec, most, shards, begun, number):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "_MOST_AT_ONCE", most)
-        patch.setattr(runner, "_SAVED_EVERY", 0.0)
-        begun()
-        sweep(spec, out, jobs=1, progress=False, shard=(number, shards))
 
 
 def run_and_time(call, shards):
