@@ -53,11 +53,14 @@ class Approach:
             room = np.maximum(self._gaps - self._touch, least)
             ends[:] = at + np.divide(room, self.speed, out=np.full(len(room), np.inf), where=self.speed > 0)
 
-    def pursue(self, q: Array, rate: Array, at: float, end: float) -> float:
+    def pursue(self, q: Array, rate: Array, at: float, end: float, most: int) -> tuple[float, int]:
         """Where the compiled core gets from q (n,) at ``at``, at joint rates (n,), as long as planes clearly part all
-        parts from the object: ``end`` at most.
+        parts from the object: ``end`` at most; and in how many steps, at most ``most``.
         """
-        return at if self._compiled is None else self._compiled.pursue(at, end, q, rate, self._pose, self._known)
+        if self._compiled is None:
+            return at, 0
+        found: tuple[float, int] = self._compiled.pursue(at, end, q, rate, self._pose, self._known, most)
+        return found
 
     def room(self, at: float) -> Array:
         """Least distances (p,) [m] at ``at``."""

@@ -173,7 +173,7 @@ class _Closing:
             if near and gap.point is not None and part.link not in self.touched:
                 self.touch(part, gap.distance, gap.point)
         first = steps = 0
-        way, before = self.way, np.zeros(0, dtype=bool)
+        way, before, rate = self.way, np.zeros(0, dtype=bool), np.zeros(0)
         while self.free.any():
             steps += 1
             if steps > _MOST_STEPS:
@@ -187,12 +187,12 @@ class _Closing:
                 self.at = float(self.begins[self.free].min())
                 continue
             if not np.array_equal(moving, before):
-                way.depart(self.at, np.where(moving, self.rate, 0.0))
-                before = moving
+                before, rate = moving, np.where(moving, self.rate, 0.0)
+                way.depart(self.at, rate)
             # To the nearest event that could happen: a touch, or a joint's end.
             ends = float(min([*self.ends[moving], *self.begins[self.free & ~moving]]))
-            rate = np.where(moving, self.rate, 0.0)
-            at = way.pursue(self.q, rate, self.at, ends)
+            at, made = way.pursue(self.q, rate, self.at, ends, _MOST_STEPS - steps)
+            steps += made
             self.q, self.at = self.q + (at - self.at) * rate, at
             first = int(np.argmin(way.stops))
             touch = max(float(way.stops[first]), at)

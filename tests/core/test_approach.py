@@ -75,7 +75,8 @@ def test_a_part_goes_as_far_as_it_is_clear_and_no_farther(turning):
             known = np.zeros((7, 1))  # gaps, since, rates, times, stops, speeds, bends
             known[5:, 0] = speed, bend
             end = 2.0
-            at = way.pursue(0.0, end, np.zeros(1), np.ones(1), there.homogeneous, known)
+            at, made = way.pursue(0.0, end, np.zeros(1), np.ones(1), there.homogeneous, known, 1000)
+            assert 0 < made < 1000, seed
             times, stops = known[3:5, 0]
 
             def gap(s, one=one, own=own, other=other, there=there, start=start, screw=screw):
@@ -86,6 +87,23 @@ def test_a_part_goes_as_far_as_it_is_clear_and_no_farther(turning):
                 assert stops < end and gap(stops) < 1.01 * NEAR + 1e-7, seed
                 stopped += 1
     assert stopped > 9, seed
+
+
+def test_a_part_that_slides_along_an_object_makes_no_more_steps_than_it_may():
+    cube = support_shape(coal.Box(0.1, 0.1, 0.1))
+    own = np.eye(4)
+    own[2, 3] = 0.1 + 2.5 * NEAR
+    signs = 0.05 * (np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0)
+    way = core.load().Approach(touch=TOUCH, creep=CREEP, near=NEAR)
+    way.add_joint(-1, 0, np.eye(4), np.array([1.0, 0.0, 1e-9, 0.0, 0.0, 0.0]))
+    way.add_part(0, own, signs + own[:3, 3], *cube)
+    way.put(*cube)
+    known = np.zeros((7, 1))
+    known[5:, 0] = 1.0, 1.0  # as a part is known that may turn towards the object at once
+    at, made = way.pursue(0.0, 0.05, np.zeros(1), np.ones(1), np.eye(4), known, 7)
+    assert made == 7 and 0.0 < at < 0.05
+    farther, more = way.pursue(at, 0.05, np.array([at]), np.ones(1), np.eye(4), known, 1000)
+    assert farther > at and more > 7
 
 
 @pytest.mark.parametrize("name", ["allegro_left", "panda", "g1_left"])

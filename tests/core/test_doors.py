@@ -74,7 +74,7 @@ def test_an_approach_refuses_joints_that_are_not_there_and_what_is_no_number():
         way.add_part(-1, frame, corners, np.zeros(4), np.zeros(3))
     way.add_joint(-1, 3, frame, np.zeros(6))
     with pytest.raises(ValueError, match="q, rate"):
-        way.pursue(0.0, 1.0, np.zeros(3), np.zeros(3), frame, np.zeros((7, 0)))
+        way.pursue(0.0, 1.0, np.zeros(3), np.zeros(3), frame, np.zeros((7, 0)), 9)
     way.add_part(0, frame, corners, np.zeros((1, 3)), np.zeros(3))
     with pytest.raises(ValueError, match="known"):
-        way.pursue(0.0, 1.0, np.zeros(4), np.zeros(4), frame, np.zeros((7, 2)))
+        way.pursue(0.0, 1.0, np.zeros(4), np.zeros(4), frame, np.zeros((7, 2)), 9)

@@ -356,14 +356,17 @@ struct Approach {
         way.parts.push_back(std::move(part));
     }
 
-    // `known` (7, p): the rows of `Known`.
-    double pursue(double at, double end, Numbers q, Numbers rate, Numbers object_pose, Written known) {
+    // Where it gets, and in how many steps; `known` (7, p): the rows of `Known`.
+    nb::tuple pursue(double at, double end, Numbers q, Numbers rate, Numbers object_pose, Written known, int most) {
         const std::size_t p = way.parts.size();
         need(q.size() >= inputs && rate.size() == q.size(), "q, rate");
         need(known.size() == 7 * p, "known");
         double* row = known.data();
-        return way.pursue(at, end, finite(q, q.size(), "q"), finite(rate, rate.size(), "rate"), frame_of(object_pose),
-                          {row, row + p, row + 2 * p, row + 3 * p, row + 4 * p, row + 5 * p, row + 6 * p}, margins);
+        int left = most;
+        const double reached =
+            way.pursue(at, end, finite(q, q.size(), "q"), finite(rate, rate.size(), "rate"), frame_of(object_pose),
+                       {row, row + p, row + 2 * p, row + 3 * p, row + 4 * p, row + 5 * p, row + 6 * p}, margins, left);
+        return nb::make_tuple(reached, most - left);
     }
 };
 
@@ -500,7 +503,7 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         .def(
             "put", [](Approach& own, Numbers points, Numbers radii) { own.way.object = solid_of(points, radii); },
             "points"_a, "radii"_a)
-        .def("pursue", &Approach::pursue, "at"_a, "end"_a, "q"_a, "rate"_a, "object_pose"_a, "known"_a);
+        .def("pursue", &Approach::pursue, "at"_a, "end"_a, "q"_a, "rate"_a, "object_pose"_a, "known"_a, "most"_a);
     m.def("solve_batch", &batch, "start"_a, "stop"_a, nb::kw_only(), "components"_a, "round"_a, "rows"_a, "torsion"_a,
           "squares"_a, "points"_a, "rotations"_a, "counts"_a, "loads"_a, "mu"_a, "low"_a, "high"_a, "arms"_a, "terms"_a,
           "forces"_a, "moments"_a, "objective"_a, "lower_bound"_a, "residual"_a, "violation"_a, "codes"_a);

@@ -41,11 +41,11 @@ public:
     Solid object;
 
     // Goes on from `at` on the way q + (s - at) rate to where the next part may be nearer than `near`, at most to
-    // `end`.
+    // `end`, as long as there are `steps`, which are used up.
     double pursue(double at, double end, const double* q, const double* rate, const Frame& there, const Known& known,
-                  const Margins& margins) {
+                  const Margins& margins, int& steps) {
         const double start = at;
-        while (at < end) {
+        for (; at < end && steps > 0; --steps) {
             double next = end;
             for (std::size_t i = 0; i < parts.size(); ++i) next = std::min(next, known.stops[i]);
             next = std::max(next, at);
@@ -70,7 +70,7 @@ private:
             const double value = q[joint.input] + length * rate[joint.input];
             Frame frame = joint.frame;
             frame.t = frame.act(value * joint.linear);
-            frame.R = (Frame{frame.R, {}} * turned(value * joint.angular)).R;
+            frame.R = (Frame{frame.R, {}} * rotate_by(value * joint.angular)).R;
             own.frame = parent ? parent->frame * frame : frame;
             own.linear = own.angular = {};
             if (parent) {
@@ -83,7 +83,7 @@ private:
     }
 
     // A rotation by a vector [rad] (Rodrigues).
-    static Frame turned(const Triple& by) {
+    static Frame rotate_by(const Triple& by) {
         const double angle = length(by);
         Frame found;
         if (angle == 0.0) return found;
