@@ -10,13 +10,13 @@ import pinocchio as pin
 
 from pinograsp.simulation.dry_friction import stop_joints
 from pinograsp.simulation.geometry import object_shape
-from pinograsp.simulation.law import NO_TOUCHES, Displacements, Pressing, Touches, cross, dot
+from pinograsp.simulation.law import NO_TOUCHES, Displacements, Pressing, Touches, dot
 from pinograsp.simulation.overlaps import Collider
 from pinograsp.simulation.scene import build
 from pinograsp.simulation.settings import Servo
 from pinograsp.simulation.surface import MeshSurface
 from pinograsp.simulation.task import Task
-from pinograsp.spatial import Array, IntArray
+from pinograsp.spatial import Array, IntArray, cross
 
 _UNMOVED = np.eye(4)
 

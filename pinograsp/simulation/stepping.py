@@ -14,7 +14,7 @@ from pinograsp.simulation.schedule import Course, Schedule
 from pinograsp.simulation.table import Table
 from pinograsp.simulation.task import Task
 from pinograsp.simulation.verdict import GONE
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, cross
 
 _SUPPORT = 200.0  # [rad/s] natural frequency of the object on its support
 _FASTEST = 1e3  # [m/s, rad/s] faster than any hand: the simulation has diverged
@@ -38,7 +38,7 @@ class _Fixture:
             return np.zeros(6)
         pose = engine.object_pose
         if self.carried is None:  # at t_F: what keeps the object in equilibrium
-            moments = np.cross(touches.point_o - pose[:3, 3], pressing.force_o) + pressing.moment_o
+            moments = cross(touches.point_o - pose[:3, 3], pressing.force_o) + pressing.moment_o
             pressed = np.concatenate([pressing.force_o.sum(axis=0), moments.sum(axis=0)])
             self.carried = -(pressed + self.weight + self.task.load)
         moved = np.concatenate([pose[:3, 3] - self.pose[:3, 3], pin.log3(pose[:3, :3] @ self.pose[:3, :3].T)])

@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull, QhullError
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.geometry import hull_of, hull_points
 from pinograsp.objects.body import Body, tangents
-from pinograsp.spatial import Array, inverse_of
+from pinograsp.spatial import Array, cross, inverse_of
 
 _SINK = 1e-4  # [m] by which the object sinks in under its weight
 _NEAR = 1e-3  # [m] above its lowest point that still bear it
@@ -45,13 +45,13 @@ class Table:
         arms = self._arms(pose)
         depth = self.height - (arms + pose[:3, 3]) @ self.up
         arms, depth = arms[depth > 0], depth[depth > 0]
-        speed = twist[:3] + np.cross(twist[3:], arms)
+        speed = twist[:3] + cross(twist[3:], arms)
         rising = speed @ self.up
         normal = np.maximum(self.stiffness * depth - self.damping * rising, 0.0)
         across = speed - rising[:, None] * self.up
         slowed = self.mu * normal / np.maximum(np.linalg.norm(across, axis=1), self.creep)
         forces = normal[:, None] * self.up - slowed[:, None] * across
-        return np.concatenate([forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)])
+        return np.concatenate([forces.sum(axis=0), cross(arms, forces).sum(axis=0)])
 
     def _arms(self, pose: Array) -> Array:
         """Points (p, 3) that may bear the object at a pose oMs (4, 4), from its centre of mass, world axes."""

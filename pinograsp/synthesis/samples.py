@@ -131,7 +131,7 @@ def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
         outcomes.append(drawn[-1][1].outcome)
     if not drawn:
         return Batch(outcomes, None)
-    ranked = [max(drawn, key=_worth)]  # each better than the one before
+    ranked = [max(drawn, key=lambda sample: sample[1].worth)]  # each better than the one before
     for attempt in range(_MOST_TRIES):
         posed, tried = ranked[-1]
         if attempt >= _TRIES and tried.grasp is not None and tried.grasp.gentle:
@@ -141,10 +141,6 @@ def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
         if other.worth > tried.worth:
             ranked.append((moved, other))
     return Batch(outcomes, _best_of(case, ranked))
-
-
-def _worth(sample: tuple[Posed, Tried]) -> tuple[float, ...]:
-    return sample[1].worth
 
 
 def _best_of(case: SearchCase, ranked: list[tuple[Posed, Tried]]) -> FoundGrasp | None:

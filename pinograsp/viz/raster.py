@@ -143,7 +143,7 @@ def render_bands(
         yield Layer(near, colour, surface, facing)
 
 
-def find_covered(surfaces: Sequence[Surface], camera: Camera) -> BoolArray:
+def find_coverage(surfaces: Sequence[Surface], camera: Camera) -> BoolArray:
     """Which pixels show any surface (h, w)."""
     points, faces, _ = _join(surfaces)
     spans = _find_spans(camera.project(points)[faces], camera)

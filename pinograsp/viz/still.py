@@ -16,7 +16,16 @@ from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, BoolArray
 from pinograsp.viz.outlines import draw_arrow, draw_ball
-from pinograsp.viz.raster import Camera, Layer, Surface, average_blocks, find_covered, fit_camera, overlay, render_bands
+from pinograsp.viz.raster import (
+    Camera,
+    Layer,
+    Surface,
+    average_blocks,
+    find_coverage,
+    fit_camera,
+    overlay,
+    render_bands,
+)
 from pinograsp.viz.scene import ViewScene, make_scene
 from pinograsp.viz.scene_meshes import BALL, LOAD, make_arrows
 from pinograsp.viz.solids import make_surfaces, sample_cloud
@@ -240,7 +249,7 @@ def _shadow(scene: ViewScene, camera: Camera, surfaces: Sequence[Surface]) -> Ar
         for one in surfaces
     ]
     coarse = Camera(camera.eye, camera.axes, camera.focal / _SOFT, camera.width // _SOFT, camera.height // _SOFT)
-    dark = find_covered(flat, coarse).astype(np.float32)
+    dark = find_coverage(flat, coarse).astype(np.float32)
     down, across = (_soften(fine, rough) for fine, rough in zip(size, dark.shape))
     shadow: Array = 0.22 * (down @ dark @ across.T)
     return shadow

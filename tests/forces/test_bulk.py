@@ -41,6 +41,14 @@ def around_a_ball(rng, count, k):
     return Grips(points=-RADIUS * normals, rotations=frames, counts=counts)
 
 
+def problem_of(grips, i, friction, **changed):
+    """Of holding the ball by grasp i, forces as large as they need to be."""
+    own = grips.counts[i]
+    asked = {"mu": MU, "max_depth": 1.0, "acceleration_range": (1e-9, 1e4)} | changed
+    contacts = contact_set_of(grips.points[i, :own], grips.rotations[i, :own, :, 2])
+    return ForceProblem(contacts=contacts, load=WEIGHT, friction=friction, object=BALL, **asked)
+
+
 def wrench_of(grips, local, i):
     """The wrench of forces (k, d) of grasp i, from its definition."""
     total = np.zeros(6)
@@ -97,15 +105,7 @@ def test_a_squeeze_bears_every_load_it_is_for(friction):
     for i in np.flatnonzero(found.found)[:8]:
         own, local = grips.counts[i], found.local[i]
         assert np.allclose(wrench_of(grips, local, i), -WEIGHT, atol=1e-7)
-        problem = ForceProblem(
-            contacts=contact_set_of(grips.points[i, :own], grips.rotations[i, :own, :, 2]),
-            load=WEIGHT,
-            mu=MU,
-            friction=friction,
-            object=BALL,
-            max_depth=1.0,
-            acceleration_range=(1e-9, 1e4),
-        )
+        problem = problem_of(grips, i, friction)
         # With its own springs and friction free to react, within what the reserve relies on.
         strict = replace(problem, friction=kept)
         for wrench in wrenches[:: 3 if i else 1]:
@@ -129,17 +129,7 @@ def test_what_is_proven_hopeless_has_no_squeeze(friction):
     assert 3 < hopeless.sum() < 60, seed
     assert not squeeze(grips, holding, reserve, wrenches, 1)[0].found[hopeless].any(), seed
     for i in np.flatnonzero(hopeless)[:6]:
-        own = grips.counts[i]
-        problem = ForceProblem(
-            contacts=contact_set_of(grips.points[i, :own], grips.rotations[i, :own, :, 2]),
-            load=WEIGHT,
-            mu=mu,
-            friction=friction,
-            object=BALL,
-            max_depth=1.0,
-            max_normal_force=12.0,
-            acceleration_range=(1e-9, 1e4),
-        )
+        problem = problem_of(grips, i, friction, mu=mu, max_normal_force=12.0)
         assert least_squeeze(problem, reserve) is None, seed
 
 
