@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pinograsp.checks import record_of
 from pinograsp.contacts import Friction
 from pinograsp.errors import Status
 from pinograsp.forces.bulk.elastic import Reactions, find_multiples, find_offsets, make_springs
@@ -19,7 +20,7 @@ MOST_MU = 2.0  # tried
 _SHARES, _ROUNDING = (1.0, 0.5, 0.2), 1e-6
 _SHARE_HALVINGS = 5  # of the reserve
 _HALVINGS = 8  # of the range of mu: to less than a hundredth
-_SQUARES = {"work": np.array([[1.0, 2.0]])}  # the cost of soft fingers, sum of F_n^2, as a power of F_n
+_SQUARES = np.array([1.0, 2.0])  # the cost of soft fingers, sum of F_n^2, as a power of F_n
 _UNCAPPED, _TRACE = 100.0, 1e-4  # times the weight: no squeeze is worth more, and no contact of soft fingers has less
 
 
@@ -44,6 +45,12 @@ class Grips:
         """Which contacts there are (N, k)."""
         used: BoolArray = np.arange(self.points.shape[1]) < self.counts[:, None]
         return used
+
+    @property
+    def arms(self) -> Array:
+        """Mean distances of the contacts from the centre of mass (N,) [m], 1 where they are all in it."""
+        mean = np.where(self.used, np.linalg.norm(self.points, axis=2), 0.0).sum(axis=1) / np.maximum(self.counts, 1)
+        return np.where(mean > 0, mean, 1.0)
 
     def of(self, which: BoolArray | IntArray) -> Grips:
         """Some of them."""
@@ -258,16 +265,22 @@ def _solve(
     # The compiled method knows least squares of plain friction, and of soft fingers powers of F_n that is not zero.
     soft = friction.elliptic
     low = np.maximum(low, np.minimum(_TRACE * holding.size, high)) if soft else low
-    batch = ForceBatch(
-        points=grips.points,
-        rotations=grips.rotations,
-        loads=loads,
-        mu=np.broadcast_to(np.reshape(holding.mu if mu is None else mu, (-1, 1)), low.shape),
-        low=low,
-        high=high,
-        counts=grips.counts,
-        friction=friction,
-        energies=_SQUARES if soft else {},
+    # What was checked once is not checked for every load.
+    batch = record_of(
+        ForceBatch,
+        {
+            "points": grips.points,
+            "rotations": grips.rotations,
+            "loads": loads,
+            "mu": np.broadcast_to(np.reshape(holding.mu if mu is None else mu, (-1, 1)), low.shape),
+            "low": low,
+            "high": high,
+            "counts": grips.counts,
+            "friction": friction,
+            "balance": "wrench",
+            "moment_lengths": grips.arms,
+            "energies": {"work": np.broadcast_to(_SQUARES, (len(low), 1, 2))} if soft else {},
+        },
     )
     found = solve_batch(batch, objective="work" if soft else "least_squares", threads=threads)
     local = found.forces_c

@@ -36,15 +36,17 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Tolerance
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
+from pinograsp.forces.solve.answers import CertifiedForces
+from pinograsp.forces.solve.compiled import CompiledForces, PreparedForces
 from pinograsp.forces.solve.program import EnergyTerms, Objective, Program, assemble, weights_of
-from pinograsp.forces.solve.solver_order import SolverOrder
+from pinograsp.forces.solve.solver_order import COMPILED, SolverOrder
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _AT_ONCE = 2048  # problems per compiled call: an interruption waits for the end of one, some milliseconds
 _MOST_THREADS = 1024
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ForceBatch:
     """N force problems of one friction model, with up to k contacts each.
 
@@ -297,7 +299,7 @@ def solve_batch(
 
     instance_of("batch (see ForceBatch.of)", batch, ForceBatch)
     threads = _cores() if threads is None else integer("threads", threads, at_least=1, at_most=_MOST_THREADS)
-    weights = weights_of(objective, _problem(batch, 0))
+    weights = weights_of(objective, None)
     friction, (n, k) = batch.friction, batch.mu.shape
     for name in MEASURES:
         if weights.get(name) and name not in batch.energies:
@@ -398,18 +400,32 @@ def _problem(batch: ForceBatch, i: int) -> ForceProblem:
 def program_of(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> tuple[ForceProblem, Program]:
     """Problem ``i`` alone, for the general methods; ``weights`` as of :func:`weights_of`."""
     problem, own = _problem(batch, i), batch.counts[i]
-    terms: EnergyTerms = {m: [(c, e) for c, e in batch.energies[m][i].tolist()] for m in MEASURES if weights.get(m)}
-    matrices = matrices_of(problem, weights)
+    terms, matrices = _energy_terms(batch, i, weights), matrices_of(problem, weights)
     return problem, assemble(matrices, problem.scaled_load, terms, batch.low[i, :own], batch.high[i, :own])
+
+
+def _energy_terms(batch: ForceBatch, i: int, weights: Mapping[str, float]) -> EnergyTerms:
+    return {m: [(c, e) for c, e in batch.energies[m][i].tolist()] for m in MEASURES if weights.get(m)}
 
 
 def _solve_by_general_methods(batch: ForceBatch, i: int, weights: Mapping[str, float], into: BatchSolution) -> Status:
     """The status of problem ``i``, whose entries of the other arrays are filled."""
     (problem, program), own = program_of(batch, i, weights), batch.counts[i]
-    found = SolverOrder(program.matrices, "auto").solve(problem, program)
-    if found.status is Status.OK and found.forces is not None:
-        certificate = found.forces.certificate
-        into.forces_c[i, :own], into.torsion[i, :own] = found.forces.forces_c, found.forces.torsion
-        into.objective[i], into.lower_bound[i] = certificate.objective, certificate.lower_bound
-        into.residual_norm[i], into.violation[i] = certificate.residual_norm, certificate.violation
-    return found.status
+    order, limits = SolverOrder(program.matrices, "auto"), (batch.low[i, :own], batch.high[i, :own])
+    found: CompiledForces | CertifiedForces | None = None
+    if taken := order.order[0] in COMPILED and order.takes(order.order[0]):
+        terms = _energy_terms(batch, i, weights)
+        prepared = PreparedForces(problem, order.template, order.order[0], terms, limits)
+        found = prepared.forces(problem.load)
+        if found is None and prepared.prove(problem.load) is not None:
+            return Status.INFEASIBLE
+    if found is None:
+        outcome = order.solve(problem, program, tried=taken)
+        if outcome.status is not Status.OK or outcome.forces is None:
+            return outcome.status
+        found = outcome.forces
+    certificate = found.certificate
+    into.forces_c[i, :own], into.torsion[i, :own] = found.forces_c, found.torsion
+    into.objective[i], into.lower_bound[i] = certificate.objective, certificate.lower_bound
+    into.residual_norm[i], into.violation[i] = certificate.residual_norm, certificate.violation
+    return Status.OK

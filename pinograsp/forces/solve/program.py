@@ -223,15 +223,15 @@ class Program:
         return x - self.matrices.correction @ residual
 
 
-def weights_of(objective: Objective | None, problem: ForceProblem) -> dict[str, float]:
-    """The objective as ``{name: weight >= 0}``; None stands for the problem's measure.
+def weights_of(objective: Objective | None, problem: ForceProblem | None) -> dict[str, float]:
+    """The objective as ``{name: weight >= 0}``; None stands for the problem's measure. ``problem``: None, any without
+    torques.
 
     Raises:
         InvalidInput: unknown names, negative weights, none positive, or motor heat without torques.
     """
-    if objective is None:
-        objective = problem.measure
-    instance_of("problem", problem, ForceProblem)
+    if problem is not None:
+        objective = instance_of("problem", problem, ForceProblem).measure if objective is None else objective
     if isinstance(objective, str):
         objective = {objective: 1.0}
     if not isinstance(objective, Mapping) or not objective:
@@ -248,7 +248,7 @@ def weights_of(objective: Objective | None, problem: ForceProblem) -> dict[str, 
             )
     if not any(weights.values()):
         raise InvalidInput("objective: expected at least one weight above 0")
-    if weights.get("motor_heat") and problem.torques is None:
+    if weights.get("motor_heat") and (problem is None or problem.torques is None):
         raise InvalidInput(
             "objective 'motor_heat': expected a problem with torques=TorqueLimits(...) (see torque_limits)"
         )

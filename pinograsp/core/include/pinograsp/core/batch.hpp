@@ -231,7 +231,7 @@ private:
             } else if (++passes_[lane] >= N::passes) {
                 follow(lane, Code::stalled);
             } else {
-                const double weight = max(in_lane(weight_, lane) * N::shrink, N::least_weight);
+                const double weight = max(in_lane(weight_, lane) * N::shrink, N::floor);
                 start(lane, in_lane(strong_, lane) > 0.5 ? 0.0 : weight);
             }
         }

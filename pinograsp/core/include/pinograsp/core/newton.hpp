@@ -34,7 +34,8 @@ struct Newton {
     static constexpr double roughly = 1e-2;    // in early passes
     static constexpr int passes = 40, most_steps = 100;
     static constexpr double strong = 0.03;  // objectives of order one with at least this curvature need no more weight
-    static constexpr double first_weight = 0.1, shrink = 0.1, least_weight = 1e-3;  // proximal, from pass to pass
+    static constexpr double first_weight = 0.1, shrink = 0.1;  // proximal, from pass to pass
+    static constexpr double least_weight = 1e-3, floor = 1e-6;  // at the first pass that may be the last, and at the end
     static constexpr double closed = 1e-9;                                          // relative gap
 
     Of dual;
@@ -122,7 +123,7 @@ Code minimise(Newton<K, double, Of>& method, double least, int& steps) {
             const Gap<double> gap = method.gap();
             if (gap.value - gap.bound <= N::closed * max(std::fabs(gap.value), 1e-12)) return Code::converged;
         }
-        weight = strong ? 0.0 : max(weight * N::shrink, N::least_weight);
+        weight = strong ? 0.0 : max(weight * N::shrink, N::floor);
     }
     return Code::stalled;
 }
