@@ -1,11 +1,11 @@
-"""Every hand on a cylinder, a sphere, a box, a mug with a handle and a bottle of its size: found, planned, shaken.
+"""Every hand on a can, a ball, a box, a mug with a handle and a bottle: found, planned, shaken.
 
     python benchmarks/grasps.py --seed 7 [--hands NAME ...] [--samples 16] [--jobs 2]
 
-Objects are scaled to the hand: w is the largest distance between two fingertips (of one finger: to the palm) when the
-hand is open; the cylinder has radius 0.18 w and height 0.9 w, the sphere radius 0.2 w, the box edges 0.3 w, 0.3 w and
-0.8 w, the mug radius 0.2 w and height 0.5 w, the bottle radius 0.17 w and height 0.9 w; 300 kg/m^3. Friction is 0.6,
-all else as the package chooses it. Hands are names of the catalogue or files (with ``--root`` for one of these).
+The can is 66 x 120 mm and 350 g, the ball 75 mm and 180 g, the box 50 x 50 x 120 mm and 300 g, the mug 80 x 95 mm and
+300 g, the bottle 65 x 200 mm and 500 g. What is wider than 0.9 of the hand's opening (the largest distance between two
+fingertips; of one finger: to the palm) is scaled to that, at 800 kg/m^3. Friction is 0.6, all else as the package
+chooses it. Hands are names of the catalogue or files (with ``--root`` for one of these).
 
 A pair counts where the plan is ok, its contacts have force closure, and a free simulation holds the object as planned,
 shaken with 3 m/s^2 at 2 Hz along x, y and z, with 1.2 times the mass, and with 0.8 times the friction. Writes
@@ -35,7 +35,8 @@ from pinograsp.planner import plan_best
 from pinograsp.simulation.settings import Disturbance
 
 HERE = Path(__file__).resolve().parent
-MU, DENSITY = 0.6, 300.0
+MU, DENSITY, SCALED = 0.6, 300.0, 800.0  # [kg/m^3]; the last: of what is scaled to a hand
+_FITS = 0.9  # of the opening
 SHAPES = ("cylinder", "sphere", "box", "mug", "bottle")
 SHAKE, FREQUENCY, HOLD = 3.0, 2.0, 1.0
 TRIALS = {
@@ -47,7 +48,20 @@ TRIALS = {
     "mu": Disturbance(mu=0.8 * MU),
 }
 COLUMNS = (
-    *("hand", "object", "width_mm", "mass_g", "tried", "found", "status", "closure", "quality", "contacts", "force_N"),
+    *(
+        "hand",
+        "object",
+        "width_mm",
+        "size_mm",
+        "mass_g",
+        "tried",
+        "found",
+        "status",
+        "closure",
+        "quality",
+        "contacts",
+        "force_N",
+    ),
     *("push_N", "hit_N", "error", "foreseen", *TRIALS, "search_s", "plan_s", "good", "why"),
 )
 
@@ -64,12 +78,12 @@ def width(hand: pg.HandModel) -> float:
     return max(float(np.linalg.norm(a - b)) for a in tips for b in tips)
 
 
-def mug(w: float) -> trimesh.Trimesh:
+def mug() -> trimesh.Trimesh:
     """A beaker with a bottom, and a ring as its handle."""
-    radius, height = 0.2 * w, 0.5 * w
+    radius, height = 0.04, 0.095
     outer, inner = (trimesh.creation.cylinder(radius=r, height=height, sections=48) for r in (radius, 0.88 * radius))
     inner.apply_translation([0, 0, 0.1 * height])
-    ring = trimesh.creation.torus(0.3 * height, 0.03 * w, major_sections=32, minor_sections=12)
+    ring = trimesh.creation.torus(0.3 * height, 0.15 * radius, major_sections=32, minor_sections=12)
     ring.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
     ring.apply_translation([1.05 * radius, 0, 0])
     core = trimesh.creation.cylinder(radius=0.9 * radius, height=2 * height, sections=48)
@@ -77,14 +91,25 @@ def mug(w: float) -> trimesh.Trimesh:
     return trimesh.boolean.union(parts, engine="manifold")
 
 
-def bottle(w: float) -> trimesh.Trimesh:
-    r, h = 0.17 * w, 0.9 * w
+def bottle() -> trimesh.Trimesh:
+    r, h = 0.0325, 0.2
     profile = np.array([[0, 0], [r, 0], [r, 0.6 * h], [0.4 * r, 0.8 * h], [0.4 * r, h], [0, h]])
     return trimesh.creation.revolve(profile, sections=48)
 
 
+MESHES = {"mug": mug, "bottle": bottle}
+# What a hand opens for [m], and mass [kg].
+SIZES = {
+    "cylinder": (0.066, 0.35),
+    "sphere": (0.075, 0.18),
+    "box": (0.05, 0.3),
+    "mug": (0.08, 0.3),
+    "bottle": (0.065, 0.5),
+}
+
+
 def objects(w: float) -> dict:
-    """The simple ones for a hand of width w [m]."""
+    """Simple ones whose size goes with a hand's width w [m], for other benchmarks."""
     return {
         "cylinder": pg.Cylinder(radius=0.18 * w, height=0.9 * w, density=DENSITY),
         "sphere": pg.Sphere(radius=0.2 * w, density=DENSITY),
@@ -93,15 +118,22 @@ def objects(w: float) -> dict:
 
 
 def thing(shape: str, w: float) -> pg.objects.body.Body:
-    """An object of that shape for a hand of width w [m], or the one that a text describes."""
+    """An object of that shape that a hand which opens by w [m] can hold; or the one that a text describes."""
     if ":" in shape:
         return pg.object_from(shape)
-    if shape in (simple := objects(w)):
-        return simple[shape]
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{shape}.stl"
-        (mug if shape == "mug" else bottle)(w).export(path)
-        return pg.Mesh.load(path, density=DENSITY)
+    size, mass = SIZES[shape]
+    scale = min(1.0, _FITS * w / size)
+    how = {"mass": mass} if scale == 1.0 else {"density": SCALED}
+    if shape in MESHES:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{shape}.stl"
+            MESHES[shape]().export(path)
+            return pg.Mesh.load(path, scale=scale, **how)
+    if shape == "cylinder":
+        return pg.Cylinder(radius=0.033 * scale, height=0.12 * scale, **how)
+    if shape == "sphere":
+        return pg.Sphere(radius=0.0375 * scale, **how)
+    return pg.Box(size=scale * np.array([0.05, 0.05, 0.12]), **how)
 
 
 def row(source: str, root: str | None, shape: str, samples: int, seed: int) -> dict:
@@ -117,7 +149,10 @@ def row(source: str, root: str | None, shape: str, samples: int, seed: int) -> d
 def _row(hand: pg.HandModel, shape: str, samples: int, seed: int, found: dict) -> dict:
     w = width(hand)
     body = thing(shape, w)
-    found |= {"width_mm": f"{1e3 * w:.1f}", "mass_g": f"{1e3 * body.mass:.1f}"}
+    size = (
+        1e3 * min(1.0, _FITS * w / SIZES[shape][0]) * SIZES[shape][0] if shape in SIZES else 2e3 * body.bounding_radius
+    )
+    found |= {"width_mm": f"{1e3 * w:.1f}", "size_mm": f"{size:.0f}", "mass_g": f"{1e3 * body.mass:.1f}"}
     conditions = pg.GraspConditions(mu=MU)
     started = time.perf_counter()
     search = pg.find_grasps(hand, body, conditions, count=samples, seed=seed, jobs=1, progress=False)

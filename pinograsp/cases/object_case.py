@@ -100,6 +100,7 @@ class ObjectCase(CaseSection):
     seed: Annotated[int, Field(ge=0)] = 0
     wrap: bool = False
     within: tuple[Number, Number, Number, Number, Number, Number] | None = None
+    least_fingers: Annotated[int, Field(ge=1)] | None = None
     table: bool = False
     hulls: bool = True
     palm: str | None = None
@@ -173,6 +174,7 @@ class ObjectCase(CaseSection):
             seed=self.seed,
             wrap=self.wrap,
             within=None if self.within is None else (self.within[:3], self.within[3:]),
+            least_fingers=self.least_fingers,
             jobs=jobs,
             progress=progress,
         )

@@ -53,10 +53,9 @@ class TrialOptions:
     prescribed: bool = _simulation(
         "Joints follow the commands exactly, instead of by servos.", "--prescribed", default=False
     )
-    support: str = _simulation(
+    support: str | None = _simulation(
         "Of the object until the hand carries it: fixed (until the grasp is complete), table (it stands there freely: "
-        "a hit on the way moves it), none (from the impact time on).",
-        default="fixed",
+        "a hit on the way moves it), none (from the impact time on). Default: table, if the plan has one, or fixed.",
         choices=completion.SUPPORTS,
     )
     time_step: float = _simulation("Of the simulation \\[s].", default=defaults.TIME_STEP)
@@ -71,7 +70,7 @@ class TrialOptions:
             "hold": self.hold,
             "time_step": self.time_step,
             "mode": "prescribed" if self.prescribed else "servo",
-            "support": one_of("support", self.support, SUPPORTS),
+            "support": None if self.support is None else one_of("support", self.support, SUPPORTS),
         }
         if (self.control, self.kp) != ("impedance", None):
             if self.prescribed:

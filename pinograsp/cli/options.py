@@ -103,6 +103,7 @@ class GraspOptions:
         "Where to hold it, a handle for example: lower and upper corner of a box in the object's frame \\[m].",
         metavar="X,Y,Z,X,Y,Z",
     )
+    least_fingers: int | None = _grasp("Prefer grasps by so many fingers; default: 3, or all that there are.")
     wrap: bool = _grasp("Wrap the fingers round the object (power grasp).", "--wrap", default=False)
     hulls: bool = _grasp("Take the convex hulls of the hand's meshes, as physics engines do.", default=True)
     mu: float = _friction("Friction coefficient of the search and the plan.", default=defaults.MU)

@@ -172,7 +172,7 @@ _IN_CASES = {
     "mu": "friction.mu",
     "friction": "friction.model",
     "safety": "friction.safety",
-    **dict.fromkeys(("within", "samples", "seed", "wrap", "table", "check"), "contacts"),
+    **dict.fromkeys(("within", "samples", "seed", "least_fingers", "wrap", "table", "check"), "contacts"),
     "torque_limit": "limits.torque_limit",
 }
 

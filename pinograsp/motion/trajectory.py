@@ -43,6 +43,9 @@ from pinograsp.spatial import Array, BoolArray
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
 _MOST_TIMES = 200_000  # steps of a motion
+# Weighed in benchmarks/forgiving.py: motion of a joint [rad] that takes all of its torque or doubles it while the hand
+# closes, a centimetre at a fingertip; and the gain of joints that bear next to nothing [N m/rad].
+_FORGIVEN, _SOFTEST = 0.15, 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -184,6 +187,22 @@ class _Planning:
         self.velocities[self.impact :, which] = np.einsum("mcxn,mn->mcx", motion.jacobians[:, :, :3], motion.dq)
         self.tracking[which], self.slip[which] = motion.errors.max(axis=0), motion.slips.max(axis=0)
         self.judge(finger, which, motion, path, found.method == "closing")
+
+    def soften(self) -> Array | None:
+        """Gains with which a closed hand forgives a misplaced object.
+
+        A joint that the object holds off, or that goes on to reach it, presses with tau - K (q - q*).
+        """
+        hand = self.hand
+        fingers = np.concatenate([finger.dofs for finger in hand.fingers])
+        fixed = {joint for drive in hand.drives if drive.control == "position" for joint in drive.joints}
+        # Jaws keep an object between them by being stiff; motors that take positions have gains of their own.
+        ours = ~hand.slides & np.isin(np.arange(hand.n), fingers) & ~np.isin(hand.joint_names, sorted(fixed))
+        if self.pressed is None or not ours.any():
+            return None
+        soft = np.maximum(np.abs(self.contact_torques[-1]) / _FORGIVEN, _SOFTEST)
+        own = servo_gains(hand)
+        return frozen(np.where(ours, np.minimum(soft, own), own))
 
     def keep_clear(self) -> None:
         """Let the joints of closing fingers take turns where links hit the object, or each other, on the way."""
@@ -367,6 +386,7 @@ class _Planning:
             postures=postures,
             peak_torque=float(np.abs(total).max()),
             remedy=". ".join(self.remedies),
+            closing_stiffness=self.soften(),
         )
 
 

@@ -36,6 +36,9 @@ class Motion:
         postures: number of contact-phase postures tried per finger.
         peak_torque: infinity norm of ``torques`` [N m].
         remedy: what causes a status other than ``OK``, and what to do; empty for ``OK``.
+        closing_stiffness: gains of servos that forgive a misplaced object while the hand closes, sent the torques
+            besides (n,) [N m/rad or N/m]; then the joints are held where they are, with gains of their own. None: their
+            own gains all the time, as in records of earlier versions.
     """
 
     status: Status
@@ -55,5 +58,6 @@ class Motion:
     postures: dict[str, int]
     peak_torque: float
     remedy: str = ""
+    closing_stiffness: Annotated[Array | None, "n"] = None
 
     __repr__ = brief("status", "peak_torque", "impact", "times", "q", "notes")

@@ -49,6 +49,7 @@ class PlanRecord:
         body_mass: of the object whose weight is in the load [kg]; 0: it was not known.
         balance: ``"wrench"`` (forces and moments) or ``"force"``.
         measure: grasp energy that was minimised, ``"impulse"`` or ``"work"``.
+        on_table: whether it was planned for an object that stands on a table.
         torque_limit: largest |torque| (n,) [N m or N]; infinity: none.
         forces: contact forces at t_F, and how they build up.
         motion: trajectory and torques.
@@ -78,6 +79,7 @@ class PlanRecord:
     torque_limit: Annotated[Array, "n", INFINITE]
     forces: PlanForces
     motion: Motion
+    on_table: bool = False
     reserve: PlanReserve | None = None
     margins: PlanMargins | None = None
     reach: Reach | None = None
@@ -216,6 +218,7 @@ class PlanRecord:
                 for finger, phases in self.torque_maxima().items()
             },
             "peak_torque_Nm": motion.peak_torque,
+            "closing_stiffness_Nm_rad": None if motion.closing_stiffness is None else motion.closing_stiffness.tolist(),
             "tracking_error_m": by_contact(names, motion.tracking_error),
             "postures_tried": dict(motion.postures),
             "forces_status": str(forces.status),

@@ -99,6 +99,7 @@ def assemble_plan(
         body_mass=0.0 if problem.object is None else problem.object.mass,
         balance=problem.balance,
         measure=problem.measure,
+        on_table=conditions is not None and conditions.table,
         reserve=reserve,
         torque_limit=read_only(drives_limit(hand) if problem.torques is None else problem.torques.limit),
         forces=_forces(solution, motion),

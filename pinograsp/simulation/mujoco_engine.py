@@ -57,19 +57,21 @@ class MujocoEngine:
             task.body,
             time_step=time_step,
             gravity_o=task.gravity_o,
-            servo=servo,
+            servo=servo.while_closing(),
             mass_factor=mass_factor,
             flat=flat,
         )
         self.notes, self.parts = tuple(notes), int(hand.model.njoints)
-        self.data, self.dt, self.servo = mujoco.MjData(self.model), time_step, servo
+        self.data, self.dt = mujoco.MjData(self.model), time_step
+        self.servo, self.stiff = servo.while_closing(), servo
+        self.moved: Array = np.zeros(hand.n)  # where the joints are held, from the commands
         self.limit = task.torque_limit
         self.torques: Array = np.zeros(hand.n)
         self.friction: Array = np.zeros(hand.n)
         self.most_friction: Array = np.zeros(hand.n) if joint_friction is None else np.array(joint_friction)
         self.rubs = bool(self.most_friction.any())
         self.servoed: Array = np.where(servo.stiffness > 0, 1.0, 0.0)
-        self.gain: Array = np.where(servo.stiffness > 0, servo.stiffness, 1.0)
+        self.gain: Array = np.where(servo.stiffness > 0, self.servo.stiffness, 1.0)
         model = self.model
         finite = np.isfinite(task.torque_limit)
         model.actuator_forcelimited[:] = finite
@@ -107,6 +109,15 @@ class MujocoEngine:
             data.qpos[i : i + 3] = object_pose[:3, 3]
             data.qpos[i + 3 : i + 7] = pin.Quaternion(np.array(object_pose[:3, :3])).coeffs()[[3, 0, 1, 2]]
             data.qvel[v : v + 6] = 0.0
+
+    def stiffen(self, q: Array) -> None:
+        """Hold joints whose servos were softer while the hand closed where they are, commanded to q (n,)."""
+        if self.stiff.closing is None:
+            return
+        self.moved = np.where(self.servo.stiffness < self.stiff.stiffness, self.q - q, 0.0)
+        self.servo, self.gain, model = self.stiff, self.stiff.stiffness, self.model
+        model.actuator_gainprm[:, 0] = self.gain
+        model.actuator_biasprm[:, 1:3] = -np.column_stack([self.gain, self.servo.damping])
 
     def set_gravity(self, gravity_o: Array) -> None:
         """Gravity from now on (3,) [m/s^2]."""
@@ -173,7 +184,7 @@ class MujocoEngine:
             wrench_o: on the object (6,) [N, N m].
         """
         data, servo = self.data, self.servo
-        data.ctrl[:] = self.servoed * q + (servo.damping * dq + feed_forward) / self.gain
+        data.ctrl[:] = self.servoed * (q + self.moved) + (servo.damping * dq + feed_forward) / self.gain
         self._press(touches, pressing, wrench_o)
         before = self.dq
         mujoco.mj_step2(self.model, data)

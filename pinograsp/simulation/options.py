@@ -25,7 +25,7 @@ class SimulationSettings(TypedDict, total=False):
     servo: Servo | None
     time_step: float
     sample: float
-    support: Support
+    support: Support | None
     letting_go: float
 
 
@@ -51,7 +51,8 @@ class SimulationOptions:
         release: False: the object stays fixed to the end.
         support: what bears the object until then: ``"fixed"``: it cannot move until t_F (as in the paper);
             ``"table"``: it stands freely on a table under it, so that whatever hits it on the way moves it (the hand
-            itself passes through the table); ``"none"``: from t_I on nothing but the hand holds it.
+            itself passes through the table); ``"none"``: from t_I on nothing but the hand holds it. None: a table where
+            the plan has one and the object is let go, else fixed.
         letting_go: time that the support takes to fade after t_F [s]; 0: the support vanishes at once, which
             doubles the load for a moment.
     """
@@ -63,14 +64,15 @@ class SimulationOptions:
     time_step: float = defaults.TIME_STEP
     sample: float = 2e-3
     release: bool = True
-    support: Support = "fixed"
+    support: Support | None = None
     letting_go: float = 0.2
 
     __repr__ = brief("hold", "mode", "disturbance", "time_step", "support")
 
     def __post_init__(self) -> None:
         one_of("mode", self.mode, MODES)
-        one_of("support", self.support, SUPPORTS)
+        if self.support is not None:
+            one_of("support", self.support, SUPPORTS)
         instance_of("servo", self.servo, Servo, type(None))
         instance_of("disturbance", self.disturbance, Disturbance)
         flag("release", self.release)
@@ -91,7 +93,7 @@ class SimulationOptions:
                 f"sample: expected at most {COARSEST:g} s, got {self.sample:g} s: the verdict depends on the samples"
             )
         if not self.release:
-            if self.support != "fixed":
+            if self.support not in (None, "fixed"):
                 raise InvalidInput(
                     f"support: expected 'fixed' with release=False, got '{self.support}', which lets the object go"
                 )

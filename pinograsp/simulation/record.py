@@ -10,13 +10,12 @@ import pinocchio as pin
 from pinograsp.checks import frozen, read_only
 from pinograsp.plan import History, Simulation
 from pinograsp.simulation.causes import find_causes
-from pinograsp.simulation.settings import Support
 from pinograsp.simulation.stepping import Trial
 from pinograsp.simulation.task import Task
 from pinograsp.simulation.verdict import Expected, judge
 from pinograsp.spatial import Array, IntArray, inverse_of
 
-_SUPPORTED: dict[Support, tuple[str, ...]] = {
+_SUPPORTED: dict[str, tuple[str, ...]] = {
     "fixed": (),
     "table": ("the object stood on a table until the grasp was complete; the hand passes through it",),
     "none": ("nothing but the hand held the object from the impact time on",),
@@ -44,7 +43,7 @@ def record_trial(trial: Trial, elapsed: float) -> Simulation:
     if not verdict.held:
         causes, remedies = find_causes(task, seen, servo, options.disturbance)
         verdict = replace(verdict, causes=causes, remedies=remedies)
-    notes = [*trial.engine.notes, *_SUPPORTED[options.support]]
+    notes = [*trial.engine.notes, *_SUPPORTED[str(options.support)]]
     if schedule.is_shortened:
         what = "light or hard" if options.disturbance.stiffness > 1.0 else "light"
         notes.append(f"steps of {1e3 * schedule.time_step:.2g} ms: a {what} object swings fast on its contacts")

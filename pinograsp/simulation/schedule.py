@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -17,6 +17,7 @@ from pinograsp.spatial import Array
 TANGENTIAL = 2e4  # [N/m] of a contact's tangential spring
 _RESOLVED = 0.6  # [rad] at most, of the object's swings on its contacts, in one step
 _SHORTER = 20  # times at most, for that; it is enough for grams in steps of a millisecond
+_CLOSED = 0.1  # [s] after t_F until which a finger may go on to reach a misplaced object
 _FEWEST_STEPS = 10  # until the grasp is complete
 _MOST_STEPS = 2_000_000  # their samples take half a gigabyte
 
@@ -50,8 +51,21 @@ class Schedule:
         return self.options.mode == "prescribed"
 
 
+def choose_servo(task: Task) -> Servo:
+    """The servos of a task's hand: as its plan has them while it closes."""
+    return replace(Servo.of(task.hand), closing=task.closing_stiffness)
+
+
+def choose_support(task: Task, options: SimulationOptions) -> SimulationOptions:
+    """The options with what supports the object until it is let go."""
+    if options.support is not None:
+        return options
+    return replace(options, support="table" if task.on_table and options.release else "fixed")
+
+
 def plan_schedule(task: Task, options: SimulationOptions) -> Schedule:
     """The steps of a task; :class:`InvalidInput` where its times do not fit the options."""
+    options = choose_support(task, options)
     disturbance, dt = options.disturbance, options.time_step
     longest = min(COARSEST, task.final_time / _FEWEST_STEPS)
     if dt > longest:
@@ -78,7 +92,7 @@ def plan_schedule(task: Task, options: SimulationOptions) -> Schedule:
         if end > task.way + options.hold + 0.5 * dt:
             raise InvalidInput(f"hold: expected at least {end:g} s, the end of a push, got {options.hold:g} s")
     every = max(1, round(min(options.sample / dt, _MOST_STEPS)))
-    servo = Servo.of(task.hand) if options.servo is None else options.servo
+    servo = choose_servo(task) if options.servo is None else options.servo
     return Schedule(options=options, servo=servo, time_step=dt, duration=duration, every=every)
 
 
@@ -102,13 +116,15 @@ class Course:
         steps: of the simulation.
         complete: the step at which the grasp is complete, t_F.
         free: the first step at which the object can move.
+        stiff: the step from which on the joints are held where they are, with servos that were softer before.
         q, dq, ddq, torques: of the joints at each step, up to the last one that differs (m, n).
     """
 
     def __init__(self, task: Task, schedule: Schedule):
         dt, options = schedule.time_step, schedule.options
+        self.stiff = round((task.final_time + _CLOSED) / dt)
         self.steps, self.complete = round(schedule.duration / dt), round(task.final_time / dt)
-        self.free = {"fixed": self.complete, "table": 0, "none": round(task.impact_time / dt)}[options.support]
+        self.free = {"fixed": self.complete, "table": 0, "none": round(task.impact_time / dt)}[str(options.support)]
         end = float(task.times[-1])
         instants = dt * np.arange(min(self.steps, round(end / dt) + 2) + 1)
         spline, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, end)

@@ -48,6 +48,8 @@ class Servo:
         rotor: inertia of the motors, reflected to the joints (n,) [kg m^2 or kg].
         control: ``"impedance"``: servos, with the plan's torques as feed-forward; ``"position"``: servos alone;
             ``"torque"``: the plan's torques alone, with the joints' damping.
+        closing: stiffness while the hand closes (n,) [N m/rad or N/m], damped in the ratio of the roots; a tenth of a
+            second after t_F the joints are held where they are, with ``stiffness``. None: ``stiffness`` all the time.
 
     Raises:
         InvalidInput: values that are negative, torque control with a stiffness, or position control without one.
@@ -57,11 +59,20 @@ class Servo:
     damping: Array
     rotor: Array
     control: Control = "impedance"
+    closing: Array | None = None
 
     __repr__ = brief()
 
     def __post_init__(self) -> None:
         n = floats_of("servo stiffness", self.stiffness).size
+        if self.closing is not None:
+            closing = array_of("servo stiffness while closing", self.closing, (n,))
+            if np.any(closing <= 0) or self.control == "torque":
+                raise InvalidInput(
+                    "servo stiffness while closing: expected values > 0, and none with control='torque', got "
+                    f"{shorten(closing.tolist())}"
+                )
+            object.__setattr__(self, "closing", closing)
         control = one_of("servo control", self.control, CONTROLS)
         object.__setattr__(self, "control", control)
         for name in ("stiffness", "damping", "rotor"):
@@ -134,7 +145,15 @@ class Servo:
         factor = number("servo gain", factor, above=0)
         if self.control == "torque":
             return self
-        return replace(self, stiffness=factor * self.stiffness, damping=factor * self.damping)
+        closing = None if self.closing is None else factor * self.closing
+        return replace(self, stiffness=factor * self.stiffness, damping=factor * self.damping, closing=closing)
+
+    def while_closing(self) -> Servo:
+        """The same with the gains that it has while the hand closes."""
+        if self.closing is None:
+            return self
+        ratio = np.sqrt(self.closing / self.stiffness)
+        return replace(self, stiffness=self.closing, damping=ratio * self.damping, closing=None)
 
     def summary(self) -> dict[str, Any]:
         """Control and stiffness as plain values; one number where all joints have the same."""

@@ -129,6 +129,8 @@ class Trial:
         due = i % self.schedule.every == 0 or i in (course.steps, course.complete)
         if i == course.complete:
             self.complete = len(self.samples)
+        if i == course.stiff:
+            engine.stiffen(course.q[now])
         q = engine.q if due else speeds
         if self.schedule.is_prescribed:
             engine.step_prescribed(course.ddq[now], touches, pressing, wrench)

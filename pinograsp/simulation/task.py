@@ -44,6 +44,8 @@ class Task:
         law: the contact law, by its numbers.
         load: on the object about its centre of mass, without the weight (6,) [N, N m].
         gravity_o: (3,) [m/s^2].
+        closing_stiffness: gains of the servos while the hand closes (n,) [N m/rad or N/m]; None: as afterwards.
+        on_table: whether the plan has the object stand on a table.
         carrier: link that the object is to stay with; "": it is to stay where it is.
     """
 
@@ -69,6 +71,8 @@ class Task:
     law: ContactLaw
     load: Array
     gravity_o: Array
+    closing_stiffness: Array | None = None
+    on_table: bool = False
     carrier: str = ""
 
     __repr__ = brief("hand", "body", "names", "normal_forces", "mu", "impact_time", "final_time")
@@ -125,6 +129,8 @@ class Task:
             law=record.law,
             load=load,
             gravity_o=record.gravity_o,
+            closing_stiffness=motion.closing_stiffness,
+            on_table=record.on_table,
         )
 
     def as_carried(self, q: Array, poses: Array) -> Array:

@@ -15,7 +15,8 @@ from pinograsp.checks import one_of
 from pinograsp.errors import InvalidInput, SimulationDiverged
 from pinograsp.plan import PlanRecord
 from pinograsp.simulation.options import SimulationOptions, StudySettings
-from pinograsp.simulation.settings import Disturbance, Servo
+from pinograsp.simulation.schedule import choose_servo, choose_support
+from pinograsp.simulation.settings import Disturbance
 from pinograsp.simulation.simulate import simulate_task
 from pinograsp.simulation.task import Task
 from pinograsp.writing import write_errors
@@ -55,8 +56,8 @@ def prepare_trials(plan: PlanRecord | Task | str | Path, settings: StudySettings
         if name in _NOT_ACCEPTED:
             raise InvalidInput(f"setting '{name}': not accepted here, the study sets it for every trial")
         one_of("setting", name, StudySettings.__annotations__)
-    options = SimulationOptions(**given)
-    return task, replace(options, servo=Servo.of(task.hand)) if options.servo is None else options
+    options = choose_support(task, SimulationOptions(**given))
+    return task, replace(options, servo=choose_servo(task)) if options.servo is None else options
 
 
 @contextlib.contextmanager

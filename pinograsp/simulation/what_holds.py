@@ -13,6 +13,7 @@ from pinograsp.checks import brief, instance_of, number
 from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanMargins, PlanRecord
 from pinograsp.simulation.options import SimulationOptions, StudySettings
+from pinograsp.simulation.schedule import choose_servo
 from pinograsp.simulation.settings import BaseMotion, Disturbance, Servo
 from pinograsp.simulation.simulate import simulate_task
 from pinograsp.simulation.task import Task
@@ -165,7 +166,7 @@ def _other_drives(task: Task, options: SimulationOptions) -> Iterator[tuple[str,
     if options.mode == "prescribed" or servo is None:
         return
     if servo.control == "torque":
-        yield "the default servos besides the torques, control='impedance'", Servo.of(task.hand)
+        yield "the default servos besides the torques, control='impedance'", choose_servo(task)
     else:
         if servo.control == "position":
             yield (

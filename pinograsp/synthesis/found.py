@@ -13,6 +13,7 @@ from pinograsp.contacts import (
     Closure,
     ContactSet,
 )
+from pinograsp.contacts.clearance import PALM
 from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
 from pinograsp.contacts.quality import ferrari_canny
 from pinograsp.errors import InvalidInput, Status
@@ -42,6 +43,7 @@ from pinograsp.spatial import Array
 from pinograsp.words import lines_of
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
+FINGERS = 3  # that are to take part, where a hand has so many and enough grasps of so many hold
 SOUND = 2  # rank of a grasp that withstands the reserve on contacts that are sure
 # What a squeeze of the first rank may sum up to, and one that is not refined further: times the weight, or newtons per
 # contact.
@@ -68,6 +70,8 @@ class FoundGrasp:
             link is hollow behind its convex hull.
         energy: objective of the forces.
         load_factor: largest multiple of the load that can be held at that impact time.
+        fingers: that touch, beside the palm.
+        wanted_fingers: more of them rank no higher.
     """
 
     pose: Array
@@ -79,6 +83,8 @@ class FoundGrasp:
     doubtful: float
     energy: float
     load_factor: float
+    fingers: int
+    wanted_fingers: int
 
     __repr__ = brief()
     _repr_html_ = in_notebook
@@ -105,8 +111,8 @@ class FoundGrasp:
 
     @property
     def gentle(self) -> bool:
-        """Sound, with a squeeze that more of a search would hardly make less."""
-        return self.sound == SOUND and self._within(_GENTLE)
+        """Sound, by as many fingers as are wanted, with a squeeze that more of a search would hardly make less."""
+        return self.sound == SOUND and self.fingers >= self.wanted_fingers and self._within(_GENTLE)
 
     def _within(self, times: float) -> bool:
         """Whether the squeeze sums up to no more than so many times the weight, or to next to nothing."""
@@ -114,17 +120,27 @@ class FoundGrasp:
         return self.squeeze <= max(times * float(np.linalg.norm(problem.load[:3])), _CRUMB * problem.k)
 
     @property
-    def worth(self) -> tuple[int, float, float, float]:
-        """Of two grasps the one of which this is larger ranks first: by the least squeeze that withstands the reserve;
-        without one, since the cheapest balance is a cradle, by what they withstand in the weakest direction per newton.
+    def worth(self) -> tuple[int, int, float, float, float]:
+        """Of two grasps the one of which this is larger ranks first: by the fingers that take part, up to those wanted,
+        since two soft fingertips need the least squeeze and nobody holds things so; then by the least squeeze that
+        withstands the reserve; without one, since the cheapest balance is a cradle, by what they withstand in the
+        weakest direction per newton.
         """
-        return self.sound, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
+        fingers = min(self.fingers, self.wanted_fingers)
+        return self.sound, fingers, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
 
 
 def hold(
-    closure: Closure, conditions: GraspConditions, *, impact_time: float = 0.9, quick: bool = False
+    closure: Closure,
+    conditions: GraspConditions,
+    *,
+    impact_time: float = 0.9,
+    quick: bool = False,
+    least_fingers: int | None = None,
 ) -> tuple[str, FoundGrasp | None]:
     """Forces that hold a closed hand's object, as a grasp; and the outcome in words.
+
+    ``least_fingers``: that are wanted, as for :func:`~pinograsp.synthesis.find_grasps`.
 
     ``quick``: to compare many, with the squeeze of the certification where that is good enough, which may press harder
     than the least that withstands the reserve, and of which it is not asked whether the hand can press its contacts
@@ -157,6 +173,8 @@ def hold(
         doubtful=doubtful_share(closure.hand, closure.object, contacts, borne),
         energy=forces.certificate.objective,
         load_factor=0.0 if bare else load_factor(problem, impact_time=impact_time),
+        fingers=len({touch.finger for touch in touching} - {PALM}),
+        wanted_fingers=least_fingers or min(FINGERS, len(closure.hand.fingers)),
     )
 
 

@@ -56,6 +56,7 @@ class SearchCase:
     pairs: Pairs
     table: SupportPlane | None
     region: Region | None = None
+    least_fingers: int | None = None
 
 
 def make_search_case(
@@ -188,7 +189,9 @@ def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried
     outside = max(_outside(case, closure).values(), default=0.0)
     if outside > 0:  # ranks after all that is inside, and the nearer, the better
         return Tried(_OUTSIDE, imbalance=_LEAST_BALANCED + outside / case.body.bounding_radius)
-    outcome, grasp = hold(closure, case.conditions, impact_time=case.impact_time, quick=quick)
+    outcome, grasp = hold(
+        closure, case.conditions, impact_time=case.impact_time, quick=quick, least_fingers=case.least_fingers
+    )
     touching = [touch for touch in closure.touches if touch.finger]
     if grasp is not None or len(touching) < 2:
         return Tried(outcome, grasp)

@@ -123,7 +123,7 @@ def _count(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-# Beside hand, object and conditions seven options: of the samples and of how they are run.
+# Beside hand, object and conditions eight options: of the samples and of how they are run.
 def find_grasps(
     hand: HandModel,
     body: Body,
@@ -134,6 +134,7 @@ def find_grasps(
     impact_time: float = 0.9,
     wrap: bool = False,
     within: ArrayLike | None = None,
+    least_fingers: int | None = None,
     jobs: int = -1,
     progress: bool | None = None,
 ) -> GraspSearch:
@@ -151,13 +152,16 @@ def find_grasps(
         within: where to hold it, a handle for example: lower and upper corner (2, 3) of a box along the axes of the
             object's frame, that of its file (after ``scale``) [m]; the hand touches it nowhere else,
             fingers that would stay open.
+        least_fingers: grasps by fewer fingers rank after the others; default: 3, or all of a hand that has fewer; 2 for
+            pinches.
         jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.
 
     Returns:
-        First those that withstand the reserve within the torque limits, by the least squeeze that does; those with
-        doubtful contacts, or a squeeze above 15 times the weight, after the others; then by what they withstand in the
-        weakest direction per newton; last those without force closure, by the multiple of the load that they hold.
+        First those that withstand the reserve within the torque limits, by the fingers that take part (up to
+        ``least_fingers``), then by the least squeeze that does; those with doubtful contacts, or a squeeze above 15
+        times the weight, after the others; then by what they withstand in the weakest direction per newton; last those
+        without force closure, by the multiple of the load that they hold.
         Stopped by Ctrl-C: those found until then.
 
     Raises:
@@ -170,11 +174,14 @@ def find_grasps(
     impact_time = number("impact time t_I", impact_time, at_least=0, unit="s")
     flag("wrap", wrap)
     region = None if within is None else _region(within, body)
+    if least_fingers is not None:
+        least_fingers = integer("least_fingers", least_fingers, at_least=1, at_most=len(hand.fingers))
     jobs = processes(jobs)
     instance_of("progress", progress, bool, type(None))
     first, *rounds = np.random.SeedSequence(seed).spawn(1 + _ROUNDS)
     try:
         case = make_search_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), region)
+        case = replace(case, least_fingers=least_fingers)
     except Exception as error:
         raise _plain(error) from None
     widths = [one.width for one in case.preshapes]

@@ -546,3 +546,19 @@ def test_what_in_a_description_is_in_the_way_is_said(tmp_path):
     limp = gripper.with_drives([])
     nothing = find_grasps(limp, Sphere(radius=0.3, mass=0.05), count=4, jobs=1, **SETTINGS)
     assert not nothing.grasps and "No motor moves the finger joints left_hinge" in nothing.explain()
+
+
+def test_fingers_take_part_before_the_squeeze_counts(allegro, ball, found):
+    """Three of four fingers as a person would, two where pinches are wished; more than there are, never."""
+    for grasps, wanted in ((found.grasps, 3), (_pinches(allegro, ball).grasps, 2)):
+        assert {one.wanted_fingers for one in grasps} == {wanted}
+        ranks = [(one.sound, min(one.fingers, wanted), -one.squeeze) for one in grasps]
+        assert ranks == sorted(ranks, reverse=True)
+        for one in grasps:
+            assert one.fingers == len({touch.finger for touch in one.closure.touches if touch.finger not in ("", PALM)})
+    with pytest.raises(InvalidInput, match="least_fingers"):
+        find_grasps(allegro, ball, least_fingers=5, **SETTINGS)
+
+
+def _pinches(allegro, ball):
+    return find_grasps(allegro, ball, count=16, seed=3, jobs=1, least_fingers=2, **SETTINGS)
