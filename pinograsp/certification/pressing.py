@@ -14,19 +14,16 @@ from pinograsp.contacts import Friction
 from pinograsp.contacts.contact_set import bare_contacts
 from pinograsp.contacts.friction import CONE, SOFT
 from pinograsp.errors import Status
-from pinograsp.forces.bulk.elastic import Reactions, find_multiples
+from pinograsp.forces.bulk.elastic import Grips, Reactions, find_efforts, find_multiples
 from pinograsp.forces.bulk.squeeze import (
     Forces,
-    Grips,
     Holding,
-    find_efforts,
     find_hopeless,
     find_least_mu,
     hold_weight,
     press,
     squeeze,
     squeeze_partly,
-    torque_columns,
 )
 from pinograsp.forces.robust.reserve_search import least_squeeze
 from pinograsp.spatial import Array, BoolArray, IntArray
@@ -104,7 +101,7 @@ def _find(
     weak = np.flatnonzero(plain.found & ~found & ways[0].borne.all(axis=1))
     proven = np.zeros(len(rows), dtype=bool)
     if options.exact and len(weak):
-        changes = ways[0].normal[weak]
+        changes = ways[0].of(weak).normal
         hopeless = find_hopeless(grips.of(weak), holding, setup.reserve, setup.wrenches, changes, options.threads)
         if len(asked := weak[~hopeless]):
             better = _squeeze_exactly(setup, touches, rows[asked], grips.of(asked), holding)
@@ -115,9 +112,11 @@ def _find(
         some = squeeze_partly(grips.of(weak), holding, setup.reserve, setup.wrenches, options.threads)
         forces[weak] = np.where(some.found[:, None, None], some.local, forces[weak])
     pressed = found | plain.found
-    multiples = np.maximum(*(find_multiples(forces, one, used, holding.friction, holding.mu) for one in ways))
+    multiples = np.maximum(
+        *(find_multiples(forces, way, holding.friction, holding.mu, threads=options.threads) for way in ways)
+    )
     reserve, weakest = _margins(setup, multiples, pressed, proven)
-    torques, effort, largest_load = _torques(setup, touches, rows, forces, plain, ways[0], holding)
+    torques, effort, largest_load = _torques(setup, touches, rows, grips, forces, plain, ways[0])
     columns = _components(holding.friction)
     local = np.zeros((*used.shape, 4))
     local[..., columns] = forces
@@ -174,22 +173,27 @@ def _torques(
     setup: CertifySetup,
     touches: PostureTouches,
     rows: IntArray,
+    grips: Grips,
     forces: Array,
     plain: Forces,
     reacted: Reactions,
-    holding: Holding,
 ) -> tuple[Array, Array, Array]:
     """Holding torques (N, n), their largest share of a limit under all loads (N,), and the load that the limits allow
     (N,) [N].
     """
-    columns = torque_columns(touches.jacobians[rows], touches.rotations[rows], holding.friction)
-    columns *= touches.used[rows][:, :, None, None]
-    bias, limit = touches.gravity_torques[rows], setup.limit
-    tau, effort = find_efforts(columns, bias, forces, reacted, limit * (1.0 - setup.reserve.torque))
-    alone = np.einsum("nkdj,nkd->nj", columns, plain.local)
+    jacobians, bias, limit, threads = (
+        touches.jacobians[rows],
+        touches.gravity_torques[rows],
+        setup.limit,
+        setup.options.threads,
+    )
+    tau, most = find_efforts(jacobians, grips.rotations, bias, forces, reacted, threads=threads)
+    usable = limit * (1.0 - setup.reserve.torque)
+    effort = (most / usable)[:, np.isfinite(usable)].max(axis=1, initial=0.0)
+    alone, _ = find_efforts(jacobians, grips.rotations, np.zeros_like(bias), plain.local, reacted, threads=threads)
     room = np.where(alone > 0, limit - bias, limit + bias)
     with np.errstate(divide="ignore", invalid="ignore"):
         multiples = np.where(np.abs(alone) > 1e-12, np.maximum(room, 0.0) / np.abs(alone), np.inf).min(axis=1)
         pressed = plain.local[..., -1].max(axis=1)
-        multiples = np.minimum(multiples, np.where(pressed > 0, holding.cap / pressed, np.inf))
-    return tau, effort, np.where(plain.found, multiples * holding.size, 0.0)
+        multiples = np.minimum(multiples, np.where(pressed > 0, setup.holding.cap / pressed, np.inf))
+    return tau, effort, np.where(plain.found, multiples * setup.holding.size, 0.0)

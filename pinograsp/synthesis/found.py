@@ -26,14 +26,8 @@ from pinograsp.forces import (
     load_factor,
     optimize_forces,
 )
-from pinograsp.forces.bulk.squeeze import (
-    Grips,
-    Holding,
-    find_efforts,
-    find_hopeless,
-    squeeze as squeeze_all,
-    torque_columns,
-)
+from pinograsp.forces.bulk.elastic import Grips, find_efforts
+from pinograsp.forces.bulk.squeeze import Holding, find_hopeless, squeeze as squeeze_all
 from pinograsp.forces.robust.reserve import held_body
 from pinograsp.hands import HandModel
 from pinograsp.motion import effort_of, pressing_together, torque_limits, torques_matter
@@ -242,10 +236,10 @@ def _squeeze_quickly(problem: ForceProblem, reserve: Reserve) -> tuple[Array, fl
         return np.zeros(problem.k), np.inf if hopeless[0] else _TRIED
     if torques is None:
         return forces.local[0, :, -1], 0.0
-    columns = torque_columns(torques.jacobian[None], rotations, problem.friction)
+    jacobians, bias = torques.jacobian[None], torques.bias[None]
+    _, most = find_efforts(jacobians, rotations, bias, forces.local, reacted, threads=1)
     usable = torques.usable * (1.0 - reserve.torque)
-    _, effort = find_efforts(columns, torques.bias[None], forces.local, reacted, usable)
-    return forces.local[0, :, -1], float(effort[0])
+    return forces.local[0, :, -1], float((most / usable).max(initial=0.0, where=np.isfinite(usable)))
 
 
 def problem_of(hand: HandModel, body: Body, contacts: ContactSet, conditions: GraspConditions) -> ForceProblem:

@@ -7,6 +7,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/unique_ptr.h>
 #include <nanobind/stl/vector.h>
 
@@ -254,42 +255,187 @@ std::unique_ptr<Box> make_box(Numbers H, double eps, Numbers fixed, Numbers row)
 
 // -- many problems ----------------------------------------------------------------------------------------------------
 
-void batch(std::int64_t start, std::int64_t stop, int components, int round, int rows, double torsion, double squares,
-           Numbers points, Numbers rotations, Indices counts, Numbers loads, Numbers mu, Numbers low, Numbers high,
-           Numbers arms, Numbers terms, Written forces, Written moments, Written objective, Written lower_bound,
-           Written residual, Written violation, nb::ndarray<std::int64_t, nb::c_contig, nb::device::cpu> codes) {
-    const std::size_t n = counts.size(), k = n ? mu.size() / n : 0;
+using Codes = nb::ndarray<std::int64_t, nb::c_contig, nb::device::cpu>;
+
+// What all that is asked of many problems has in common.
+Batch batch_of(std::int64_t start, std::int64_t stop, int components, int round, double torsion, const Numbers& points,
+               const Numbers& rotations, const Indices& counts, const Numbers& loads, const Numbers& low,
+               const Numbers& high, const Numbers& arms) {
+    const std::size_t n = counts.size(), k = n ? low.size() / n : 0;
     need(k > 0 && k <= most_contacts && start >= 0 && start <= stop && stop <= static_cast<std::int64_t>(n) &&
-             has_shape(components, round) && (rows == 3 || rows == 6),
+             has_shape(components, round),
          "problems");
     need_number(torsion, false, "torsion");
-    need_number(squares, false, "squares");
     for (std::size_t i = 0; i < n; ++i)
         need(counts.data()[i] >= 0 && counts.data()[i] <= static_cast<std::int64_t>(k), "counts");
-    need(points.size() == 3 * n * k && rotations.size() == 9 * n * k && loads.size() == 6 * n && mu.size() == n * k &&
-             low.size() == n * k && high.size() == n * k && arms.size() == n && terms.size() % (2 * n) == 0 &&
-             forces.size() == 3 * n * k && moments.size() == n * k && objective.size() == n &&
-             lower_bound.size() == n && residual.size() == n && violation.size() == n && codes.size() == n,
+    need(points.size() == 3 * n * k && rotations.size() == 9 * n * k && loads.size() == 6 * n && low.size() == n * k &&
+             high.size() == n * k && arms.size() == n,
          "sizes of a batch");
     Batch own;
     own.k = static_cast<int>(k);
-    own.t = static_cast<int>(terms.size() / (2 * n));
-    own.moments = rows == 6;
     own.torsion = torsion;
-    own.squares = squares;
     own.points = points.data();
     own.rotations = rotations.data();
     own.counts = counts.data();
     own.loads = loads.data();
-    own.mu = mu.data();
     own.low = low.data();
     own.high = high.data();
     own.arms = arms.data();
+    return own;
+}
+
+void batch(std::int64_t start, std::int64_t stop, int components, int round, int rows, double torsion, double squares,
+           Numbers points, Numbers rotations, Indices counts, Numbers loads, Numbers mu, Numbers low, Numbers high,
+           Numbers arms, Numbers terms, Written forces, Written moments, Written objective, Written lower_bound,
+           Written residual, Written violation, Codes codes) {
+    Batch own = batch_of(start, stop, components, round, torsion, points, rotations, counts, loads, low, high, arms);
+    const std::size_t n = counts.size(), k = own.k;
+    need(rows == 3 || rows == 6, "problems");
+    need_number(squares, false, "squares");
+    need(mu.size() == n * k && terms.size() % (2 * n) == 0 && forces.size() == 3 * n * k && moments.size() == n * k &&
+             objective.size() == n && lower_bound.size() == n && residual.size() == n && violation.size() == n &&
+             codes.size() == n,
+         "sizes of a batch");
+    own.t = static_cast<int>(terms.size() / (2 * n));
+    own.moments = rows == 6;
+    own.squares = squares;
+    own.mu = mu.data();
     own.terms = terms.data();
-    const BatchResults results{forces.data(),   moments.data(),   objective.data(), lower_bound.data(),
-                               residual.data(), violation.data(), codes.data()};
+    BatchResults results;
+    results.forces = forces.data();
+    results.moments = moments.data();
+    results.objective = objective.data();
+    results.lower_bound = lower_bound.data();
+    results.residual = residual.data();
+    results.violation = violation.data();
+    results.codes = codes.data();
     nb::gil_scoped_release released;
     solve_batch(own, components, round, start, stop, results);
+}
+
+// Fills the least friction over the safety factor, up to `most` and to `within`; a code says whether it is known.
+void least_mu(std::int64_t start, std::int64_t stop, int components, int round, double torsion, double most,
+              double within, Numbers points, Numbers rotations, Indices counts, Numbers loads, Numbers low,
+              Numbers high, Numbers arms, Written least, Codes codes) {
+    Batch own = batch_of(start, stop, components, round, torsion, points, rotations, counts, loads, low, high, arms);
+    need_number(most, true, "most");
+    need_number(within, true, "within");
+    need(least.size() == counts.size() && codes.size() == counts.size(), "sizes of a batch");
+    own.most_mu = most;
+    own.within = within;
+    BatchResults results;
+    results.least_mu = least.data();
+    results.codes = codes.data();
+    nb::gil_scoped_release released;
+    solve_batch(own, components, round, start, stop, results);
+}
+
+// -- contacts as springs ----------------------------------------------------------------------------------------------
+
+Reactions reactions_of(Written& change, Flags& borne, const Indices& counts, const std::optional<Indices>& rows) {
+    need(change.ndim() == 4 && borne.ndim() == 2 && borne.shape(0) == change.shape(0) &&
+             borne.shape(1) == change.shape(3) && counts.size() == change.shape(0),
+         "reactions");
+    Reactions own;
+    own.k = static_cast<int>(change.shape(1));
+    own.d = static_cast<int>(change.shape(2));
+    own.m = static_cast<int>(change.shape(3));
+    need((own.d == 3 || own.d == 4) && own.m % width == 0, "reactions");
+    own.change = change.data();
+    own.borne = borne.data();
+    own.counts = counts.data();
+    for (std::size_t i = 0; i < counts.size(); ++i) need(own.counts[i] >= 0 && own.counts[i] <= own.k, "counts");
+    if (rows) own.rows = rows->data();
+    for (std::size_t i = 0; rows && i < rows->size(); ++i)
+        need(own.rows[i] >= 0 && own.rows[i] < static_cast<std::int64_t>(change.shape(0)), "rows");
+    return own;
+}
+
+void need_part(std::int64_t start, std::int64_t stop, std::size_t size) {
+    need(start >= 0 && start <= stop && stop <= static_cast<std::int64_t>(size), "start, stop");
+}
+
+// Fills change and borne; `whole` and capacities: tangential forces spread accordingly, normal ones the same.
+void react(std::int64_t start, std::int64_t stop, double torsion, Numbers points, Numbers rotations, Indices counts,
+           Numbers arms, Numbers wrenches, Written change, Flags borne, std::optional<Written> whole,
+           std::optional<Flags> whole_borne, std::optional<Numbers> capacities) {
+    const Reactions into = reactions_of(change, borne, counts, {});
+    const std::size_t n = counts.size(), k = into.k;
+    need_part(start, stop, n);
+    Springs own;
+    own.k = into.k;
+    own.d = into.d;
+    own.m = into.m;
+    own.torsion = torsion;
+    own.points = sized(points, 3 * n * k, "points");
+    own.rotations = sized(rotations, 9 * n * k, "rotations");
+    own.counts = counts.data();
+    own.arms = sized(arms, n, "arms");
+    own.wrenches = sized(wrenches, 6 * own.m, "wrenches");
+    Reactions before;
+    if (whole) {
+        need(whole_borne && capacities && whole->size() == change.size(), "whole");
+        before = reactions_of(*whole, *whole_borne, counts, {});
+        need(before.k == into.k && before.d == into.d, "whole");
+        sized(*capacities, n * k, "capacities");
+    }
+    nb::gil_scoped_release released;
+    React springs(own, into);
+    if (whole)
+        springs.spread(start, stop, before, capacities->data());
+    else
+        springs.alike(start, stop);
+}
+
+// What friction allows, for reactions of d components.
+Limits limits_of(const Reactions& own, int round, const Numbers& limits, const Numbers& facets) {
+    const std::size_t size = own.d - 1;
+    need(has_shape(own.d, round) && facets.size() % size == 0, "friction");
+    const double* each = finite(limits, size, "limits");
+    for (std::size_t j = 0; j < size; ++j) need(each[j] > 0.0, "limits");
+    return {round, static_cast<int>(facets.size() / size), each, finite(facets, facets.size(), "facets")};
+}
+
+void offsets(std::int64_t start, std::int64_t stop, Written change, Flags borne, Indices counts, Indices rows,
+             int round, Numbers limits, Numbers facets, std::optional<Numbers> local, Numbers shares, Written offsets) {
+    const Reactions own = reactions_of(change, borne, counts, rows);
+    const Limits friction = limits_of(own, round, limits, facets);
+    const std::size_t n = rows.size();
+    need_part(start, stop, n);
+    need(offsets.size() == n * own.k && shares.size() == n, "offsets, shares");
+    const double* forces = local ? sized(*local, n * own.k * own.d, "local") : nullptr;
+    nb::gil_scoped_release released;
+    find_offsets(own, friction, start, stop, forces, shares.data(), offsets.data());
+}
+
+void multiples(std::int64_t start, std::int64_t stop, Written change, Flags borne, Indices counts, Indices rows,
+               int round, Numbers limits, Numbers facets, Numbers local, Written multiples) {
+    const Reactions own = reactions_of(change, borne, counts, rows);
+    const Limits friction = limits_of(own, round, limits, facets);
+    const std::size_t n = rows.size();
+    need_part(start, stop, n);
+    need(multiples.size() == n * own.m, "multiples");
+    sized(local, n * own.k * own.d, "local");
+    nb::gil_scoped_release released;
+    find_multiples(own, friction, start, stop, local.data(), multiples.data());
+}
+
+void efforts(std::int64_t start, std::int64_t stop, Written change, Flags borne, Indices counts, Indices rows,
+             Numbers jacobians, Numbers rotations, Numbers bias, Numbers local, Written torques, Written most) {
+    const Reactions own = reactions_of(change, borne, counts, rows);
+    const std::size_t n = rows.size(), joints = n ? bias.size() / n : 0;
+    need_part(start, stop, n);
+    Efforts of;
+    of.joints = static_cast<int>(joints);
+    of.bias = sized(bias, n * joints, "bias");
+    of.jacobians = sized(jacobians, 6 * joints * n * own.k, "jacobians");
+    of.rotations = sized(rotations, 9 * n * own.k, "rotations");
+    of.local = sized(local, n * own.k * own.d, "local");
+    need(torques.size() == n * joints && most.size() == n * joints, "torques");
+    of.torques = torques.data();
+    of.most = most.data();
+    nb::gil_scoped_release released;
+    find_efforts(own, start, stop, of);
 }
 
 // A field of numbers: an array of any shape goes in, row by row.
@@ -507,4 +653,16 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     m.def("solve_batch", &batch, "start"_a, "stop"_a, nb::kw_only(), "components"_a, "round"_a, "rows"_a, "torsion"_a,
           "squares"_a, "points"_a, "rotations"_a, "counts"_a, "loads"_a, "mu"_a, "low"_a, "high"_a, "arms"_a, "terms"_a,
           "forces"_a, "moments"_a, "objective"_a, "lower_bound"_a, "residual"_a, "violation"_a, "codes"_a);
+    m.def("find_least_mu", &least_mu, "start"_a, "stop"_a, nb::kw_only(), "components"_a, "round"_a, "torsion"_a,
+          "most"_a, "within"_a, "points"_a, "rotations"_a, "counts"_a, "loads"_a, "low"_a, "high"_a, "arms"_a,
+          "least"_a, "codes"_a);
+    m.def("react", &react, "start"_a, "stop"_a, nb::kw_only(), "torsion"_a, "points"_a, "rotations"_a, "counts"_a,
+          "arms"_a, "wrenches"_a, "change"_a, "borne"_a, "whole"_a = nb::none(), "whole_borne"_a = nb::none(),
+          "capacities"_a = nb::none());
+    m.def("find_offsets", &offsets, "start"_a, "stop"_a, nb::kw_only(), "change"_a, "borne"_a, "counts"_a, "rows"_a,
+          "round"_a, "limits"_a, "facets"_a, "local"_a.none(), "shares"_a, "offsets"_a);
+    m.def("find_multiples", &multiples, "start"_a, "stop"_a, nb::kw_only(), "change"_a, "borne"_a, "counts"_a, "rows"_a,
+          "round"_a, "limits"_a, "facets"_a, "local"_a, "multiples"_a);
+    m.def("find_efforts", &efforts, "start"_a, "stop"_a, nb::kw_only(), "change"_a, "borne"_a, "counts"_a, "rows"_a,
+          "jacobians"_a, "rotations"_a, "bias"_a, "local"_a, "torques"_a, "most"_a);
 }

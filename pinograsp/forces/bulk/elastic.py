@@ -12,149 +12,179 @@ withstands all loads; it may press harder than the least squeeze that does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pinograsp.contacts import Friction
-from pinograsp.spatial import Array, BoolArray, IntArray, cross
+from pinograsp.core.parts import call_in_parts
+from pinograsp.spatial import Array, BoolArray, IntArray
 
-_RANK = 1e-6  # of the grasp map's singular values, squared ones below its square count as zero
-_REACHED = 1e-6  # share of a wrench that springs may leave unbalanced
+_LANES = 8  # the most that any processor computes at once: the core takes multiples of it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Grips:
+    """Contacts of N grasps, up to k each.
+
+    Attributes:
+        points: from the centre of mass (N, k, 3) [m].
+        rotations: contact frames (N, k, 3, 3).
+        counts: contacts (N,), at least one.
+        least: F_n that each has at least (N, k) [N]; None: 0.
+    """
+
+    points: Array
+    rotations: Array
+    counts: IntArray
+    least: Array | None = None
+
+    @property
+    def used(self) -> BoolArray:
+        """Which contacts there are (N, k)."""
+        used: BoolArray = np.arange(self.points.shape[1]) < self.counts[:, None]
+        return used
+
+    @property
+    def arms(self) -> Array:
+        """Mean distances of the contacts from the centre of mass (N,) [m], 1 where they are all in it."""
+        distances = np.sqrt(np.einsum("nkx,nkx->nk", self.points, self.points))
+        mean = np.where(self.used, distances, 0.0).sum(axis=1) / np.maximum(self.counts, 1)
+        return np.where(mean > 0, mean, 1.0)
+
+    def of(self, which: BoolArray | IntArray) -> Grips:
+        """Some of them."""
+        least = None if self.least is None else self.least[which]
+        return Grips(points=self.points[which], rotations=self.rotations[which], counts=self.counts[which], least=least)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reactions:
     """How the contacts of N grasps react, as springs, to m wrenches that are added to their loads.
 
+    They are ``rows`` (N,) of G grasps, whose arrays have a few wrenches more, zero ones.
+
     Attributes:
-        normal: change of F_n (N, k, m) [N].
-        tangential: change of the other components in contact axes (N, k, d - 1, m) [N, N m].
-        borne: whether the contacts can balance the wrench at all (N, m).
+        change: of the forces in contact axes, the normal last (G, k, d, m + ...) [N, N m].
+        balanced: whether the contacts can balance the wrenches at all (G, m + ...).
+        counts: contacts (G,).
+        rows: which grasps they are (N,).
+        m: number of wrenches.
     """
 
-    normal: Array
-    tangential: Array
-    borne: BoolArray
+    change: Array
+    balanced: BoolArray
+    counts: IntArray
+    rows: IntArray
+    m: int
+
+    @property
+    def normal(self) -> Array:
+        """Change of F_n (N, k, m) [N]."""
+        return self.change[self.rows, :, -1, : self.m]
+
+    @property
+    def tangential(self) -> Array:
+        """Change of the other components in contact axes (N, k, d - 1, m) [N, N m]."""
+        return self.change[self.rows, :, :-1, : self.m]
+
+    @property
+    def borne(self) -> BoolArray:
+        """Whether the contacts can balance the wrench at all (N, m)."""
+        return self.balanced[self.rows, : self.m]
 
     def of(self, which: IntArray) -> Reactions:
         """Of some of the grasps."""
-        return Reactions(normal=self.normal[which], tangential=self.tangential[which], borne=self.borne[which])
+        return replace(self, rows=self.rows[which])
 
-    def times(self, shares: Array | float) -> Reactions:
-        """To ``shares`` (N,) of the wrenches."""
-        own = np.reshape(shares, (-1, 1, 1))
-        return Reactions(normal=own * self.normal, tangential=own[..., None] * self.tangential, borne=self.borne)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Springs:
-    """Contacts of N grasps, k each, as springs: columns of their grasp maps, moments as forces at their mean distance.
-
-    Attributes:
-        columns: wrench per unit of each component (N, k, d, 6) [-], zeros where there is no contact.
-        wrenches: that are added to the load, scaled likewise (N, 6, m) [N].
-        torsion: [m], the unit of the component that turns.
-    """
-
-    columns: Array
-    wrenches: Array
-    torsion: float
-
-    def of(self, which: IntArray) -> Springs:
-        """Those of some of the grasps."""
-        return Springs(columns=self.columns[which], wrenches=self.wrenches[which], torsion=self.torsion)
-
-    def times(self, shares: Array | float) -> Springs:
-        """With ``shares`` (N,) of the wrenches."""
-        return Springs(
-            columns=self.columns, wrenches=np.reshape(shares, (-1, 1, 1)) * self.wrenches, torsion=self.torsion
-        )
-
-    def reactions(self) -> Reactions:
-        """Of equal springs, along the normals and along the surfaces."""
-        change, lost = _balance(self.columns, self.wrenches)
-        return self._record(change, lost)
-
-    def spread(self, reacted: Reactions, capacities: Array) -> Reactions:
-        """The same normal forces; tangential ones in the ratio of what the contacts can bear (N, k) [N].
-
-        Friction may react so: tangential forces of least sum of squares, each over its capacity.
-        """
-        left = self.wrenches + np.einsum("nki,nkm->nim", self.columns[:, :, -1], reacted.normal)
-        weights = np.maximum(capacities, 1e-3 * capacities.max(axis=1, keepdims=True, initial=1e-12))
-        change, lost = _balance(self.columns[:, :, :-1] * weights[..., None, None], left)
-        full = np.concatenate([change * weights[..., None, None], reacted.normal[:, :, None]], axis=2)
-        return self._record(full, np.maximum(lost, 1.0 * ~reacted.borne))
-
-    def _record(self, change: Array, lost: Array) -> Reactions:
-        if change.shape[2] == 4:
-            change[:, :, 2] *= self.torsion
-        return Reactions(normal=change[:, :, -1], tangential=change[:, :, :-1], borne=lost <= _REACHED)
+    @property
+    def _arrays(self) -> dict[str, object]:
+        return {"change": self.change, "borne": self.balanced, "counts": self.counts, "rows": self.rows}
 
 
-def _balance(columns: Array, wrenches: Array) -> tuple[Array, Array]:
-    """Least components (N, k, d, m) of columns (N, k, d, 6) that balance wrenches (N, 6, m), and shares lost (N, m)."""
-    n, k, d = columns.shape[:3]
-    flat = columns.reshape(n, k * d, 6)
-    values, vectors = np.linalg.eigh(np.swapaxes(flat, 1, 2) @ flat)
-    kept = values > _RANK**2 * np.maximum(values[:, -1:], 1e-300)
-    along = np.swapaxes(vectors, 1, 2) @ wrenches
-    rest = np.where(kept[..., None], 0.0, along)
-    lost = np.linalg.norm(rest, axis=1) / np.maximum(np.linalg.norm(along, axis=1), 1e-300)
-    solved = vectors @ ((along - rest) / np.where(kept, values, 1.0)[..., None])
-    return -(flat @ solved).reshape(n, k, d, -1), lost
+def react(grips: Grips, friction: Friction, wrenches: Array, threads: int | None = None) -> Reactions:
+    """Reactions of equal springs, along the normals and along the surfaces.
 
-
-def make_springs(points: Array, rotations: Array, used: BoolArray, friction: Friction, wrenches: Array) -> Springs:
-    """The springs of contacts.
+    Moments count as forces at the contacts' mean distance.
 
     Args:
-        points: from the centre of mass (N, k, 3) [m].
-        rotations: contact frames (N, k, 3, 3).
-        used: which contacts there are (N, k).
+        grips: the contacts.
         friction: the model; with torsion contacts resist turning, too.
         wrenches: (m, 6), linear first, about the centre of mass [N, N m].
+        threads: of the compiled code; None: one for each core.
     """
-    n, k, d = len(points), points.shape[1], friction.d
-    forces = np.zeros((n, k, d, 6))
-    forces[:, :, :2, :3] = np.swapaxes(rotations, 2, 3)[:, :, :2]
-    forces[:, :, -1, :3] = rotations[..., 2]
-    if d == 4:
-        forces[:, :, 2, 3:] = friction.torsion * rotations[..., 2]
-    forces[..., 3:] += cross(points[:, :, None], forces[..., :3])
-    forces *= used[:, :, None, None]
-    # Moments as forces at the contacts' mean distance, so that both count alike.
-    arms = np.where(used, np.linalg.norm(points, axis=2), 0.0).sum(axis=1) / np.maximum(used.sum(axis=1), 1)
-    scale = np.ones((n, 6))
-    scale[:, 3:] = 1.0 / np.where(arms > 0, arms, 1.0)[:, None]
-    scaled = np.swapaxes(wrenches[None] * scale[:, None], 1, 2)
-    return Springs(columns=forces * scale[:, None, None], wrenches=scaled, torsion=friction.torsion)
+    return _react(grips, friction, wrenches, threads, {})
 
 
-def find_offsets(reacted: Reactions, friction: Friction, mu: float, local: Array | None = None) -> Array:
-    """a (N, k) [N]: by how much F_n is to exceed what friction needs, so that all added wrenches are borne.
+def spread(
+    grips: Grips, friction: Friction, wrenches: Array, whole: Reactions, capacities: Array, threads: int | None = None
+) -> Reactions:
+    """The same normal forces as ``whole`` of these grips; tangential ones in the ratio of what the contacts can bear
+    (N, k) [N].
 
-    With forces ``local`` (N, k, d) in contact axes: exactly, for tangential forces as theirs; without: for any.
+    Friction may react so: tangential forces of least sum of squares, each over its capacity.
     """
-    limits = limits_of(friction, mu)
-    changes = np.swapaxes(reacted.tangential, 2, 3) / limits
-    before: Array | float = 0.0
-    if local is not None:
-        own = local[..., :-1] / limits
-        changes, before = changes + own[:, :, None], friction.gauge(own)
-    needed = (friction.gauge(changes) - reacted.normal).max(axis=2, initial=0.0)
-    found: Array = np.maximum(needed - before, 0.0)
+    before = {"whole": whole.change, "whole_borne": whole.balanced, "capacities": capacities}
+    return _react(grips, friction, wrenches, threads, before)
+
+
+def _react(
+    grips: Grips, friction: Friction, wrenches: Array, threads: int | None, before: Mapping[str, object]
+) -> Reactions:
+    (n, k), m = grips.points.shape[:2], len(wrenches)
+    lanes = -(-m // _LANES) * _LANES
+    found = Reactions(
+        change=np.zeros((n, k, friction.d, lanes)),
+        balanced=np.zeros((n, lanes), dtype=bool),
+        counts=grips.counts,
+        rows=np.arange(n),
+        m=m,
+    )
+    given = {
+        "torsion": friction.torsion,
+        "points": grips.points,
+        "rotations": grips.rotations,
+        "counts": found.counts,
+        "arms": grips.arms,
+        "wrenches": np.pad(wrenches, ((0, lanes - m), (0, 0))).T,
+        "change": found.change,
+        "borne": found.balanced,
+    }
+    call_in_parts("react", n, threads, {**given, **before})
     return found
 
 
-def limits_of(friction: Friction, mu: float) -> Array:
-    """Friction's limits per newton of F_n (d - 1,): mu twice [-], and the torsion [m], over the safety factor."""
-    limits: Array = np.maximum(friction.scale(np.array([mu]))[0], 1e-12)
-    return limits
+def find_offsets(
+    reacted: Reactions,
+    friction: Friction,
+    mu: float,
+    local: Array | None = None,
+    *,
+    shares: Array | float = 1.0,
+    threads: int | None = None,
+) -> Array:
+    """a (N, k) [N]: by how much F_n is to exceed what friction needs, so that all added wrenches are borne.
+
+    Of each ``shares`` (N,). With forces ``local`` (N, k, d) in contact axes: exactly, for tangential forces as theirs;
+    without: for any.
+    """
+    n, k = len(reacted.rows), reacted.change.shape[1]
+    found = np.zeros((n, k))
+    given = {
+        **reacted._arrays,
+        **_limits(friction, mu),
+        "local": local,
+        "shares": np.array(np.broadcast_to(shares, n), dtype=float),
+        "offsets": found,
+    }
+    call_in_parts("find_offsets", n, threads, given)
+    return found
 
 
-def find_multiples(local: Array, reacted: Reactions, used: BoolArray, friction: Friction, mu: float) -> Array:
+def find_multiples(
+    local: Array, reacted: Reactions, friction: Friction, mu: float, *, threads: int | None = None
+) -> Array:
     """Multiples s (N, m) of each wrench that forces withstand before the first contact slips or opens.
 
     The least s > 0 that takes some contact to the edge of its friction limit: the roots of a square for balls, of a
@@ -163,32 +193,56 @@ def find_multiples(local: Array, reacted: Reactions, used: BoolArray, friction: 
     Args:
         local: forces in contact axes, the normal last (N, k, d), within their limits.
         reacted: to the wrenches.
-        used: which contacts there are (N, k).
         friction: the model.
         mu: friction coefficient.
+        threads: of the compiled code; None: one for each core.
     """
-    limits = limits_of(friction, mu)
-    t, dt = (local[..., :-1] / limits)[..., None], reacted.tangential / limits[:, None]
-    F, dF = local[..., -1:], reacted.normal
-    least = np.full(dF.shape, np.inf)
-    if len(friction.facets):
-        room = F[..., None] - friction.facets @ t
-        rate = friction.facets @ dt - dF[:, :, None]
-        least = np.where(rate > 0, np.maximum(room, 0.0) / np.maximum(rate, 1e-300), np.inf).min(axis=2)
-    if r := friction.round_dimensions:
-        least = np.minimum(least, _leaves(t[:, :, :r], dt[:, :, :r], F, dF))
-    found: Array = np.where(used[:, :, None], least, np.inf).min(axis=1)
-    return np.where(reacted.borne, found, 0.0)
+    n = len(reacted.rows)
+    found = np.zeros((n, reacted.change.shape[3]))
+    given = {
+        **reacted._arrays,
+        **_limits(friction, mu),
+        "local": local,
+        "multiples": found,
+    }
+    call_in_parts("find_multiples", n, threads, given)
+    return found[:, : reacted.m]
 
 
-def _leaves(t: Array, dt: Array, F: Array, dF: Array) -> Array:
-    """The least s > 0 with |t + s dt| = F + s dF, infinity where there is none; |t| <= F up to rounding.
+def find_efforts(
+    jacobians: Array,
+    rotations: Array,
+    bias: Array,
+    local: Array,
+    reacted: Reactions,
+    *,
+    threads: int | None = None,
+) -> tuple[Array, Array]:
+    """Holding torques of forces, and the largest sizes that the reactions bring them to, both (N, n) [N m or N].
 
-    t (N, k, r, 1), dt (N, k, r, m), F (N, k, 1), dF (N, k, m).
+    Args:
+        jacobians: of the contacts (N, k, 6, n).
+        rotations: contact frames (N, k, 3, 3).
+        bias: torques without contact (N, n).
+        local: forces in contact axes, the normal last (N, k, d).
+        reacted: to the wrenches that are added to the load.
+        threads: of the compiled code; None: one for each core.
     """
-    a = (dt * dt).sum(axis=2) - dF**2
-    b = (t * dt).sum(axis=2) - F * dF
-    c = np.minimum((t * t).sum(axis=2) - F**2, 0.0)
-    inner = b**2 - a * c
-    slope = b + np.sqrt(np.maximum(inner, 0.0))
-    return np.where((inner >= 0) & (slope > 0), -c / np.maximum(slope, 1e-300), np.inf)
+    tau, most = np.zeros((2, *bias.shape))
+    given = {
+        **reacted._arrays,
+        "jacobians": jacobians,
+        "rotations": rotations,
+        "bias": bias,
+        "local": local,
+        "torques": tau,
+        "most": most,
+    }
+    call_in_parts("find_efforts", len(bias), threads, given)
+    return tau, most
+
+
+def _limits(friction: Friction, mu: float) -> dict[str, object]:
+    """Friction's limits per newton of F_n (d - 1,): mu twice [-], and the torsion [m], over the safety factor."""
+    limits: Array = np.maximum(friction.scale(np.array([mu]))[0], 1e-12)
+    return {"round": friction.round_dimensions, "limits": limits, "facets": friction.facets}

@@ -7,55 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pinograsp import core
 from pinograsp.checks import record_of
 from pinograsp.contacts import Friction
+from pinograsp.core.parts import call_in_parts
 from pinograsp.errors import Status
-from pinograsp.forces.bulk.elastic import Reactions, find_multiples, find_offsets, make_springs
+from pinograsp.forces.bulk.elastic import Grips, Reactions, find_multiples, find_offsets, react, spread
 from pinograsp.forces.robust.reserve import Reserve
 from pinograsp.forces.solve.batch import ForceBatch, solve_batch
 from pinograsp.spatial import Array, BoolArray, IntArray, cross
 
 MOST_MU = 2.0  # tried
-# Shares of a step to a softer squeeze that are tried, and what rounding may miss of a wrench.
-_SHARES, _ROUNDING = (1.0, 0.5, 0.2), 1e-6
+# Parts of the step to a softer squeeze that are tried, and what rounding may miss of a wrench.
+_STEPS, _ROUNDING = (1.0, 0.5, 0.2), 1e-6
 _SHARE_HALVINGS = 5  # of the reserve
-_HALVINGS = 8  # of the range of mu: to less than a hundredth
+_MU_WITHIN = 0.008  # a bit less than a hundredth
 _SQUARES = np.array([1.0, 2.0])  # the cost of soft fingers, sum of F_n^2, as a power of F_n
 _UNCAPPED, _TRACE = 100.0, 1e-4  # times the weight: no squeeze is worth more, and no contact of soft fingers has less
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Grips:
-    """Contacts of N grasps, up to k each.
-
-    Attributes:
-        points: from the centre of mass (N, k, 3) [m].
-        rotations: contact frames (N, k, 3, 3).
-        counts: contacts (N,), at least one.
-        least: F_n that each has at least (N, k) [N]; None: 0.
-    """
-
-    points: Array
-    rotations: Array
-    counts: IntArray
-    least: Array | None = None
-
-    @property
-    def used(self) -> BoolArray:
-        """Which contacts there are (N, k)."""
-        used: BoolArray = np.arange(self.points.shape[1]) < self.counts[:, None]
-        return used
-
-    @property
-    def arms(self) -> Array:
-        """Mean distances of the contacts from the centre of mass (N,) [m], 1 where they are all in it."""
-        mean = np.where(self.used, np.linalg.norm(self.points, axis=2), 0.0).sum(axis=1) / np.maximum(self.counts, 1)
-        return np.where(mean > 0, mean, 1.0)
-
-    def of(self, which: BoolArray | IntArray) -> Grips:
-        """Some of them."""
-        least = None if self.least is None else self.least[which]
-        return Grips(points=self.points[which], rotations=self.rotations[which], counts=self.counts[which], least=least)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -122,43 +90,21 @@ def squeeze(
     floor = np.full(grips.used.shape, reserve.least_force(holding.size))
     if grips.least is not None:
         floor = np.maximum(floor, grips.least)
-    contacts = make_springs(grips.points, grips.rotations, grips.used, kept.friction, wrenches)
-    whole = contacts.reactions()
-    contacts, reacted = contacts.times(shares), whole.times(shares)
-    first = _above(grips, kept, find_offsets(reacted, kept.friction, kept.mu), floor, threads)
-    status = np.where(reacted.borne.all(axis=1), first.status, Status.INFEASIBLE)
+    shares = np.broadcast_to(shares, len(floor))
+    whole = react(grips, kept.friction, wrenches, threads)
+    needed = find_offsets(whole, kept.friction, kept.mu, shares=shares, threads=threads)
+    first = _above(grips, kept, needed, floor, threads)
+    status = np.where(whole.borne.all(axis=1), first.status, Status.INFEASIBLE)
     best = Forces(status=status, local=first.local, residual=first.residual)
-    spread = contacts.spread(reacted, best.local[..., -1])
+    # Of a share of the wrenches it is the same share.
+    spread_out = spread(grips, kept.friction, wrenches, whole, best.local[..., -1], threads)
     rows = np.flatnonzero(best.found)
     if len(rows):
-        own, some = grips.of(rows), spread.of(rows)
-        needed = find_offsets(some, kept.friction, kept.mu, best.local[rows])
-        _take(best, _above(own, kept, needed, floor[rows], threads), rows, some, own.used, kept)
+        own, some = grips.of(rows), spread_out.of(rows)
+        needed = find_offsets(some, kept.friction, kept.mu, best.local[rows], shares=shares[rows], threads=threads)
+        _take(best, _above(own, kept, needed, floor[rows], threads), rows, some, shares[rows], kept, threads)
     local = best.local * best.found[:, None, None]
-    return Forces(status=best.status, local=local, residual=best.residual), (whole, spread)
-
-
-def torque_columns(jacobians: Array, rotations: Array, friction: Friction) -> Array:
-    """Joint torques (N, k, d, n) per unit of the contact components, from the contact Jacobians (N, k, 6, n)."""
-    columns = np.einsum("nkxj,nkxc->nkcj", jacobians[:, :, :3], rotations)
-    if friction.d == 4:
-        turning = np.einsum("nkxj,nkx->nkj", jacobians[:, :, 3:], rotations[..., 2])
-        columns = np.concatenate([columns[:, :, :2], turning[:, :, None], columns[:, :, 2:]], axis=2)
-    return np.asarray(columns, dtype=float)
-
-
-def find_efforts(columns: Array, bias: Array, local: Array, reacted: Reactions, usable: Array) -> tuple[Array, Array]:
-    """Holding torques (N, n) of forces (N, k, d), and their largest share of a usable torque (n,) under all loads (N,).
-
-    ``columns`` are those of :func:`torque_columns`, ``bias`` (N, n) is the torque without contact; infinity: no limit.
-    """
-    n, k, d, joints = columns.shape
-    flat = np.swapaxes(columns.reshape(n, k * d, joints), 1, 2)
-    tau = bias + (flat @ local.reshape(n, k * d, 1))[..., 0]
-    change = np.concatenate([reacted.tangential, reacted.normal[:, :, None]], axis=2)
-    added = flat @ change.reshape(n, k * d, -1)
-    most = np.maximum(np.abs(tau[..., None] + added).max(axis=2, initial=0.0), np.abs(tau))
-    return tau, (most / usable)[:, np.isfinite(usable)].max(axis=1, initial=0.0)
+    return Forces(status=best.status, local=local, residual=best.residual), (whole, spread_out)
 
 
 def squeeze_partly(grips: Grips, holding: Holding, reserve: Reserve, wrenches: Array, threads: int | None) -> Forces:
@@ -202,16 +148,26 @@ def press(grips: Grips, holding: Holding, normal: Array, threads: int | None) ->
     return _solve(grips, holding, loads, normal, normal, threads)
 
 
-def _take(best: Forces, better: Forces, rows: IntArray, reacted: Reactions, used: BoolArray, holding: Holding) -> None:
-    """Put in what presses less hard, or as much of it as withstands the wrenches: such forces are a convex set."""
+def _take(
+    best: Forces,
+    better: Forces,
+    rows: IntArray,
+    reacted: Reactions,
+    shares: Array,
+    holding: Holding,
+    threads: int | None,
+) -> None:
+    """Put in what presses less hard, or as much of it as withstands shares of the wrenches: such forces are a convex
+    set.
+    """
     cost, before = ((one[..., -1] ** 2).sum(axis=1) for one in (better.local, best.local[rows]))
     left = np.flatnonzero(better.found & (cost < before))
-    for share in _SHARES:
+    for step in _STEPS:
         if not len(left):
             return
-        mixed = share * better.local[left] + (1.0 - share) * best.local[rows[left]]
-        borne = find_multiples(mixed, reacted.of(left), used[left], holding.friction, holding.mu) >= 1.0 - _ROUNDING
-        good = borne.all(axis=1)
+        mixed = step * better.local[left] + (1.0 - step) * best.local[rows[left]]
+        borne = find_multiples(mixed, reacted.of(left), holding.friction, holding.mu, threads=threads)
+        good = (borne >= (shares[left] * (1.0 - _ROUNDING))[:, None]).all(axis=1)
         best.local[rows[left[good]]] = mixed[good]
         best.residual[rows[left[good]]] = np.maximum(best.residual[rows[left[good]]], better.residual[left[good]])
         left = left[~good]
@@ -240,16 +196,59 @@ def hold_weight(grips: Grips, holding: Holding, threads: int | None, mu: Array |
 def find_least_mu(grips: Grips, holding: Holding, threads: int | None) -> Array:
     """The least friction coefficient (N,) with which some forces hold the weight, from above to a hundredth.
 
-    Infinity where 2 is not enough. More friction never hurts, so that halving the range finds it.
+    Infinity where 2 is not enough. More friction never hurts: it is between what holds and what is proven not to.
     """
     most = replace(holding, mu=MOST_MU, cap=np.inf)
-    low, high = np.zeros(len(grips.points)), np.where(hold_weight(grips, most, threads).found, MOST_MU, np.inf)
+    n = len(grips.points)
+    least = np.full(n, np.inf)
+    left: IntArray = np.arange(n)
+    if holding.friction.separates:
+        left = _search_mu(grips, most, least, threads)
+    if len(left):
+        least[left] = _halve_mu(grips.of(left), most, threads)
+    return least
+
+
+def _search_mu(grips: Grips, most: Holding, least: Array, threads: int | None) -> IntArray:
+    """Fill the least friction, all in compiled code; returns those that it does not know."""
+    friction, codes = most.friction, np.full(len(least), core.STALLED, dtype=np.int64)
+    low, high = _limits(most, least.shape + grips.points.shape[1:2])
+    given = {
+        "components": friction.d,
+        "round": friction.round_dimensions,
+        "torsion": friction.torsion / friction.safety,
+        "most": most.mu / friction.safety,
+        "within": _MU_WITHIN / friction.safety,
+        "points": grips.points,
+        "rotations": grips.rotations,
+        "counts": grips.counts,
+        "loads": np.tile(most.weight, (len(least), 1)),
+        "low": low,
+        "high": high,
+        "arms": grips.arms,
+        "least": least,
+        "codes": codes,
+    }
+    call_in_parts("find_least_mu", len(least), threads, given)
+    least *= friction.safety
+    return np.flatnonzero(codes == core.STALLED)
+
+
+def _halve_mu(grips: Grips, most: Holding, threads: int | None) -> Array:
+    """The least friction (N,) by halving its range, a force problem each time."""
+    low, high = np.zeros(len(grips.points)), np.where(hold_weight(grips, most, threads).found, most.mu, np.inf)
     asked = np.flatnonzero(np.isfinite(high))
-    for _ in range(_HALVINGS if len(asked) else 0):
+    while len(asked) and (high[asked] - low[asked]).max() > _MU_WITHIN:
         middle = (low[asked] + high[asked]) / 2
         holds = hold_weight(grips.of(asked), most, threads, middle).found
         high[asked], low[asked] = np.where(holds, middle, high[asked]), np.where(holds, low[asked], middle)
     return high
+
+
+def _limits(holding: Holding, shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """Of F_n, without any others: the least that the compiled method takes, and the most."""
+    least = _TRACE * holding.size if holding.friction.elliptic else 0.0
+    return np.full(shape, least), np.full(shape, min(holding.cap, _UNCAPPED * holding.size))
 
 
 def _solve(

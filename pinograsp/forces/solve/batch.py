@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +30,7 @@ from pinograsp.contacts.compliance import MEASURES
 from pinograsp.contacts.contact_set import bare_contacts
 from pinograsp.contacts.friction import CONE
 from pinograsp.contacts.quality import BALANCES, Balance
+from pinograsp.core.parts import call_in_parts
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Tolerance
 from pinograsp.forces.matrices import matrices_of
@@ -42,7 +41,6 @@ from pinograsp.forces.solve.program import EnergyTerms, Objective, Program, asse
 from pinograsp.forces.solve.solver_order import COMPILED, SolverOrder
 from pinograsp.spatial import Array, BoolArray, IntArray
 
-_AT_ONCE = 2048  # problems per compiled call: an interruption waits for the end of one, some milliseconds
 _MOST_THREADS = 1024
 
 
@@ -295,10 +293,8 @@ def solve_batch(
         ExtraMissing: the compiled core is not installed.
     """
     started = time.perf_counter()
-    solve_part = core.load().solve_batch
-
     instance_of("batch (see ForceBatch.of)", batch, ForceBatch)
-    threads = _cores() if threads is None else integer("threads", threads, at_least=1, at_most=_MOST_THREADS)
+    threads = None if threads is None else integer("threads", threads, at_least=1, at_most=_MOST_THREADS)
     weights = weights_of(objective, None)
     friction, (n, k) = batch.friction, batch.mu.shape
     for name in MEASURES:
@@ -348,19 +344,7 @@ def solve_batch(
         "violation": found.violation,
         "codes": codes,
     }
-    given = {name: np.ascontiguousarray(one) if isinstance(one, np.ndarray) else one for name, one in given.items()}
-
-    def solve(start: int) -> None:
-        solve_part(start, min(start + _AT_ONCE, n), **given)
-
-    starts = range(0, n if takes else 0, _AT_ONCE)
-    if threads == 1 or len(starts) < 2:
-        for start in starts:
-            solve(start)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            for _ in pool.map(solve, starts):  # the compiled code releases Python's lock
-                pass
+    call_in_parts("solve_batch", n if takes else 0, threads, given)
     kinds = {core.CONVERGED: Status.OK, core.STALLED: Status.INACCURATE, core.INFEASIBLE: Status.INFEASIBLE}
     for code, status in kinds.items():
         found.status[codes == code] = status
@@ -378,11 +362,6 @@ def _load_sizes(batch: ForceBatch) -> Array:
     size = np.sqrt(np.einsum("nr,nr->n", scaled, scaled))
     least = np.where(used, batch.low, 0.0).max(axis=1)
     return np.where(size > 0, size, np.where(least > 0, least, 1.0))
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _problem(batch: ForceBatch, i: int) -> ForceProblem:

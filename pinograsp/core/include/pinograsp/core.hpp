@@ -6,3 +6,4 @@
 #include "core/forces.hpp"
 #include "core/multipliers.hpp"
 #include "core/online.hpp"
+#include "core/springs.hpp"

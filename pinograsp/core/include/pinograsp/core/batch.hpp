@@ -22,12 +22,15 @@ struct Batch {
     const double *low = nullptr, *high = nullptr;  // F_n (N, k)
     const double* arms = nullptr;                  // moment lengths (N)
     const double* terms = nullptr;                 // pairs (coefficient, exponent) (N, t, 2)
+    // > 0: instead of forces the least friction is searched for, over the safety factor, up to that, and so exactly.
+    double most_mu = 0.0, within = 0.0;
 };
 
-// Forces (N, k, 3), torsional moments (N, k); objective, lower bound, residual [N], violation [N], code (N).
+// Forces (N, k, 3), torsional moments (N, k); objective, lower bound, residual [N], violation [N]; the least friction
+// that holds, from above, or infinity (N); code (N).
 struct BatchResults {
     double *forces = nullptr, *moments = nullptr, *objective = nullptr, *lower_bound = nullptr, *residual = nullptr,
-           *violation = nullptr;
+           *violation = nullptr, *least_mu = nullptr;
     std::int64_t* codes = nullptr;
 };
 
@@ -38,6 +41,7 @@ public:
         method_.dual.blocks = memory_.part<Block<K>>(k_);
         method_.dual.count = k_;
         method_.costs = memory_.part<Cost<K>>(k_);
+        seen_ = memory_.part<Seen>(k_);
         for (int lane = 0; lane < width; ++lane) leave(lane);
     }
 
@@ -66,6 +70,9 @@ public:
 private:
     using N = Newton<K, Vector>;
 
+    static constexpr double first_share = 0.25;  // of the most friction, what a search tries first
+    static constexpr int ray_rounds = 8;
+
     Batch batch_;
     int k_;
     Memory memory_;
@@ -77,6 +84,15 @@ private:
     Vector ascents_ = 0.0;
     int passes_[width] = {};
     double scale_[width], unit_[width];
+    // Of a search: friction that is too little, enough, and tried; multipliers of the last forces.
+    double low_[width], high_[width], tried_[width], held_[width][K::M];
+    struct Seen {
+        double across, turning, normal;  // the columns of a contact along a ray
+    };
+    Seen* seen_;
+
+    bool searches() const { return batch_.most_mu > 0.0; }
+    double mu(std::int64_t at, int lane) const { return searches() ? tried_[lane] : batch_.mu[at]; }
 
     Mask busy() const { return active_ > Vector(0.5); }
 
@@ -121,6 +137,9 @@ private:
     void take(int lane) {
         while (next_ < stop_) {
             const std::int64_t p = next_++;
+            low_[lane] = 0.0;
+            high_[lane] = infinity;
+            tried_[lane] = first_share * batch_.most_mu;
             const Code code = load(p, lane);
             if (code == Code::converged) {
                 at_[lane] = p;
@@ -135,7 +154,7 @@ private:
     // Problem p in a lane; infeasible: its limits exclude each other.
     Code load(std::int64_t p, int lane) {
         const double *wrench = batch_.loads + 6 * p, arm = batch_.arms[p], reach = batch_.moments ? arm : infinity,
-                     *low = batch_.low + p * k_, *high = batch_.high + p * k_, *mu = batch_.mu + p * k_;
+                     *low = batch_.low + p * k_, *high = batch_.high + p * k_;
         const int count = static_cast<int>(batch_.counts[p]);
         double b[K::M], scale = 0.0;
         for (int r = 0; r < K::M; ++r) {
@@ -149,11 +168,12 @@ private:
         double heaviest = 0.0, lightest = infinity;
         for (int i = 0; i < count; ++i)
             for (int j = 0; j < K::D; ++j) {
-                const double own = weight(j, mu[i], arm);
+                const double own = weight(j, mu(p * k_ + i, lane), arm);
                 heaviest = max(heaviest, own);
                 lightest = min(lightest, own);
             }
-        double unit = 0.5 * heaviest * scale * scale;
+        // Searches are for forces of least squares over their limits.
+        double unit = searches() ? scale * scale : 0.5 * heaviest * scale * scale;
         const double* terms = batch_.terms + 2 * p * batch_.t;
         for (int a = 0; a < batch_.t; ++a) unit = max(unit, terms[2 * a] * std::pow(scale, terms[2 * a + 1]));
         Powers powers;
@@ -184,6 +204,7 @@ private:
     }
 
     double weight(int j, double mu, double arm) const {
+        if (searches()) return 1.0;
         const double size = unit_of<K>(j, mu, batch_.torsion / arm);
         return 2.0 * batch_.squares * size * size;
     }
@@ -191,13 +212,13 @@ private:
     void place(std::int64_t p, int i, int lane, int count, double scale, double curvature) {
         const std::int64_t at = p * k_ + i;
         Block<K>& block = method_.dual.blocks[i];
-        set_columns(block, lane, batch_.points + 3 * at, batch_.rotations + 9 * at, batch_.mu[at], batch_.torsion,
+        set_columns(block, lane, batch_.points + 3 * at, batch_.rotations + 9 * at, mu(at, lane), batch_.torsion,
                     batch_.moments ? batch_.arms[p] : infinity);
         const double lo = batch_.low[at] / scale, hi = batch_.high[at] / scale;
         in_lane(block.lo, lane) = lo;
         in_lane(block.hi, lane) = hi;
         for (int j = 0; j < K::D; ++j) {
-            in_lane(method_.costs[i].P[j], lane) = weight(j, batch_.mu[at], batch_.arms[p]) * curvature;
+            in_lane(method_.costs[i].P[j], lane) = weight(j, mu(at, lane), batch_.arms[p]) * curvature;
             in_lane(method_.costs[i].q[j], lane) = 0.0;
             in_lane(block.x[j], lane) = j < K::E ? 0.0 : min(max(2.0 / count, lo), hi);
         }
@@ -249,14 +270,86 @@ private:
 
     // The next problem after one that ended so.
     void follow(int lane, Code code) {
+        if (searches() && code != Code::stalled) {
+            if (narrows(lane, code)) return;
+            code = Code::converged;
+        }
         results_.codes[at_[lane]] = static_cast<std::int64_t>(code);
         take(lane);
+    }
+
+    // Whether a search goes on after friction that is enough or not: with the same problem and other friction.
+    bool narrows(int lane, Code code) {
+        const std::int64_t p = at_[lane];
+        if (code == Code::converged) {
+            high_[lane] = tried_[lane];
+            for (int r = 0; r < K::M; ++r) held_[lane][r] = in_lane(method_.dual.y[r], lane);
+        } else {
+            low_[lane] = raise(lane);
+        }
+        if (low_[lane] >= batch_.most_mu || high_[lane] - low_[lane] <= batch_.within) {
+            results_.least_mu[p] = high_[lane];
+            return false;
+        }
+        const bool enough = std::isfinite(high_[lane]);
+        tried_[lane] = enough ? 0.5 * (low_[lane] + high_[lane]) : batch_.most_mu;
+        load(p, lane);
+        for (int r = 0; r < K::M && enough; ++r) in_lane(method_.dual.y[r], lane) = held_[lane][r];
+        return true;
+    }
+
+    // The most friction that the ray of a lane proves to be too little: its margin, at the friction that was tried a
+    // certificate of Farkas, falls with friction.
+    double raise(int lane) {
+        double size = 0.0, limits = 0.0;
+        const int count = static_cast<int>(batch_.counts[at_[lane]]);
+        for (int r = 0; r < K::M; ++r) {
+            const double y = in_lane(method_.dual.y[r], lane);
+            size = max(size, std::fabs(y));
+            limits += in_lane(method_.dual.b[r], lane) * y;
+        }
+        for (int i = 0; i < count; ++i) {
+            double c[K::D] = {};
+            for (int j = 0; j < K::D; ++j)
+                for (int r = 0; r < K::M; ++r)
+                    c[j] += in_lane(method_.dual.blocks[i].a[j][r], lane) * in_lane(method_.dual.y[r], lane);
+            const double across =
+                K::R > 0 ? std::sqrt(c[0] * c[0] + c[1] * c[1]) : K::radius(0) * (std::fabs(c[0]) + std::fabs(c[1]));
+            seen_[i] = {across, K::D == 4 ? std::fabs(c[2]) : 0.0, c[K::E]};
+        }
+        const auto margin = [&](double ratio) {
+            double total = -limits - proven * size;
+            for (int i = 0; i < count; ++i) {
+                const double across = ratio * seen_[i].across, turning = seen_[i].turning;
+                const double pull = K::R == 3 ? std::sqrt(across * across + turning * turning) : across + turning;
+                const Block<K>& at = method_.dual.blocks[i];
+                const double along = seen_[i].normal - pull;
+                total += min(in_lane(at.lo, lane) * along, in_lane(at.hi, lane) * along);
+            }
+            return total;
+        };
+        double below = 1.0, above = batch_.most_mu / tried_[lane];
+        double at_below = margin(below), at_above = margin(above);
+        if (at_above > 0.0) return batch_.most_mu;
+        for (int round = 0; round < ray_rounds && at_below > 0.0; ++round) {
+            const double next = below + at_below * (above - below) / (at_below - at_above), found = margin(next);
+            if (found > 0.0) {
+                below = next;
+                at_below = found;
+                at_above *= 0.5;  // regula falsi (Illinois)
+            } else {
+                above = next;
+                at_above = found;
+            }
+        }
+        return below * tried_[lane];
     }
 
     // The answer of a lane, checked.
     Code finish(int lane, double value, double bound, const Misses<double>& misses) {
         const std::int64_t p = at_[lane];
         const double scale = scale_[lane], unit = unit_[lane];
+        if (searches()) return misses.balance <= 1e-10 && misses.violation <= 1e-10 ? Code::converged : Code::stalled;
         // A bound from multipliers that are exact to rounding can exceed the value by rounding.
         results_.objective[p] = value * unit;
         results_.lower_bound[p] = min(bound, value) * unit;

@@ -6,22 +6,23 @@
 namespace pinograsp::core {
 inline namespace PINOGRASP_CORE_LEVEL {
 
+// The wrench (6) of a force (u, v, w) at a point, moments over `arm`.
+PINOGRASP_INLINE void wrench_of(const double* point, double u, double v, double w, double arm, double* out) {
+    const double x = point[0] / arm, y = point[1] / arm, z = point[2] / arm;
+    const double found[6] = {u, v, w, y * w - z * v, z * u - x * w, x * v - y * u};
+    for (int r = 0; r < 6; ++r) out[r] = found[r];
+}
+
 // The columns of a contact in its lane: from its point about the centre of mass (3), its frame (3, 3), friction `mu`
 // and `torsion` [m] over the safety factor; moments over `arm`, infinite where they do not count.
 template <class K>
 PINOGRASP_INLINE void set_columns(Block<K>& block, int lane, const double* point, const double* rotation, double mu,
                                   double torsion, double arm) {
-    const double x = point[0] / arm, y = point[1] / arm, z = point[2] / arm;
     for (int c = 0; c < 3; ++c) {
-        const int j = c == 2 ? K::E : c;
         const double size = c == 2 ? 1.0 : mu;
-        const double u = size * rotation[c], v = size * rotation[3 + c], w = size * rotation[6 + c];
-        in_lane(block.a[j][0], lane) = u;
-        in_lane(block.a[j][1], lane) = v;
-        in_lane(block.a[j][2], lane) = w;
-        in_lane(block.a[j][3], lane) = y * w - z * v;
-        in_lane(block.a[j][4], lane) = z * u - x * w;
-        in_lane(block.a[j][5], lane) = x * v - y * u;
+        double own[6];
+        wrench_of(point, size * rotation[c], size * rotation[3 + c], size * rotation[6 + c], arm, own);
+        for (int r = 0; r < K::M; ++r) in_lane(block.a[c == 2 ? K::E : c][r], lane) = own[r];
     }
     if constexpr (K::D == 4)
         for (int r = 0; r < K::M; ++r)

@@ -168,6 +168,8 @@ PINOGRASP_INLINE Vector lanes_at(const double* from) {
     return found;
 }
 
+PINOGRASP_INLINE void store(Vector a, double* into) { std::memcpy(into, &a, sizeof a); }
+
 // Blocks of `width` that hold a number of contacts, rows or columns.
 constexpr int blocks_of(int count) { return (count + width - 1) / width; }
 
