@@ -181,16 +181,17 @@ def _torques(
     """Holding torques (N, n), their largest share of a limit under all loads (N,), and the load that the limits allow
     (N,) [N].
     """
-    jacobians, bias, limit, threads = (
-        touches.jacobians[rows],
-        touches.gravity_torques[rows],
-        setup.limit,
-        setup.options.threads,
-    )
-    tau, most = find_efforts(jacobians, grips.rotations, bias, forces, reacted, threads=threads)
+    bias, limit = touches.gravity_torques[rows], setup.limit
+
+    def torques(local: Array, bias: Array) -> tuple[Array, Array]:
+        return find_efforts(
+            touches.jacobians, grips.rotations, bias, local, reacted, places=rows, threads=setup.options.threads
+        )
+
+    tau, most = torques(forces, bias)
     usable = limit * (1.0 - setup.reserve.torque)
     effort = (most / usable)[:, np.isfinite(usable)].max(axis=1, initial=0.0)
-    alone, _ = find_efforts(jacobians, grips.rotations, np.zeros_like(bias), plain.local, reacted, threads=threads)
+    alone, _ = torques(plain.local, np.zeros_like(bias))
     room = np.where(alone > 0, limit - bias, limit + bias)
     with np.errstate(divide="ignore", invalid="ignore"):
         multiples = np.where(np.abs(alone) > 1e-12, np.maximum(room, 0.0) / np.abs(alone), np.inf).min(axis=1)

@@ -332,6 +332,11 @@ void least_mu(std::int64_t start, std::int64_t stop, int components, int round, 
 
 // -- contacts as springs ----------------------------------------------------------------------------------------------
 
+void need_rows(const Indices& rows, std::size_t count, const char* what) {
+    for (std::size_t i = 0; i < rows.size(); ++i)
+        need(rows.data()[i] >= 0 && rows.data()[i] < static_cast<std::int64_t>(count), what);
+}
+
 Reactions reactions_of(Written& change, Flags& borne, const Indices& counts, const std::optional<Indices>& rows) {
     need(change.ndim() == 4 && borne.ndim() == 2 && borne.shape(0) == change.shape(0) &&
              borne.shape(1) == change.shape(3) && counts.size() == change.shape(0),
@@ -346,8 +351,7 @@ Reactions reactions_of(Written& change, Flags& borne, const Indices& counts, con
     own.counts = counts.data();
     for (std::size_t i = 0; i < counts.size(); ++i) need(own.counts[i] >= 0 && own.counts[i] <= own.k, "counts");
     if (rows) own.rows = rows->data();
-    for (std::size_t i = 0; rows && i < rows->size(); ++i)
-        need(own.rows[i] >= 0 && own.rows[i] < static_cast<std::int64_t>(change.shape(0)), "rows");
+    if (rows) need_rows(*rows, change.shape(0), "rows");
     return own;
 }
 
@@ -421,14 +425,20 @@ void multiples(std::int64_t start, std::int64_t stop, Written change, Flags born
 }
 
 void efforts(std::int64_t start, std::int64_t stop, Written change, Flags borne, Indices counts, Indices rows,
-             Numbers jacobians, Numbers rotations, Numbers bias, Numbers local, Written torques, Written most) {
+             Numbers jacobians, Indices places, Numbers rotations, Numbers bias, Numbers local, Written torques,
+             Written most) {
     const Reactions own = reactions_of(change, borne, counts, rows);
     const std::size_t n = rows.size(), joints = n ? bias.size() / n : 0;
     need_part(start, stop, n);
     Efforts of;
     of.joints = static_cast<int>(joints);
     of.bias = sized(bias, n * joints, "bias");
-    of.jacobians = sized(jacobians, 6 * joints * n * own.k, "jacobians");
+    need(jacobians.ndim() == 4 && jacobians.shape(1) == static_cast<std::size_t>(own.k) && jacobians.shape(2) == 6 &&
+             jacobians.shape(3) == joints && places.size() == n,
+         "jacobians");
+    need_rows(places, jacobians.shape(0), "places");
+    of.jacobians = jacobians.data();
+    of.places = places.data();
     of.rotations = sized(rotations, 9 * n * own.k, "rotations");
     of.local = sized(local, n * own.k * own.d, "local");
     need(torques.size() == n * joints && most.size() == n * joints, "torques");
@@ -664,5 +674,5 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     m.def("find_multiples", &multiples, "start"_a, "stop"_a, nb::kw_only(), "change"_a, "borne"_a, "counts"_a, "rows"_a,
           "round"_a, "limits"_a, "facets"_a, "local"_a, "multiples"_a);
     m.def("find_efforts", &efforts, "start"_a, "stop"_a, nb::kw_only(), "change"_a, "borne"_a, "counts"_a, "rows"_a,
-          "jacobians"_a, "rotations"_a, "bias"_a, "local"_a, "torques"_a, "most"_a);
+          "jacobians"_a, "places"_a, "rotations"_a, "bias"_a, "local"_a, "torques"_a, "most"_a);
 }

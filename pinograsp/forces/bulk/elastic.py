@@ -216,22 +216,25 @@ def find_efforts(
     local: Array,
     reacted: Reactions,
     *,
+    places: IntArray | None = None,
     threads: int | None = None,
 ) -> tuple[Array, Array]:
     """Holding torques of forces, and the largest sizes that the reactions bring them to, both (N, n) [N m or N].
 
     Args:
-        jacobians: of the contacts (N, k, 6, n).
+        jacobians: of the contacts (N, k, 6, n), or of those of more grasps.
         rotations: contact frames (N, k, 3, 3).
         bias: torques without contact (N, n).
         local: forces in contact axes, the normal last (N, k, d).
         reacted: to the wrenches that are added to the load.
+        places: where the grasps are among the Jacobians (N,).
         threads: of the compiled code; None: one for each core.
     """
     tau, most = np.zeros((2, *bias.shape))
     given = {
         **reacted._arrays,
         "jacobians": jacobians,
+        "places": np.arange(len(bias)) if places is None else places,
         "rotations": rotations,
         "bias": bias,
         "local": local,

@@ -70,7 +70,9 @@ public:
 private:
     using N = Newton<K, Vector>;
 
-    static constexpr double first_share = 0.25;  // of the most friction, what a search tries first
+    // Of the most friction, what a search tries first; of friction that is enough, the next as long as nothing less is
+    // proven to be too little: many grasps need next to none.
+    static constexpr double first_share = 0.25, first_step = 0.125;
     static constexpr int ray_rounds = 8;
 
     Batch batch_;
@@ -292,7 +294,10 @@ private:
             return false;
         }
         const bool enough = std::isfinite(high_[lane]);
-        tried_[lane] = enough ? 0.5 * (low_[lane] + high_[lane]) : batch_.most_mu;
+        if (!enough)
+            tried_[lane] = batch_.most_mu;
+        else
+            tried_[lane] = low_[lane] > 0.0 ? 0.5 * (low_[lane] + high_[lane]) : first_step * high_[lane];
         load(p, lane);
         for (int r = 0; r < K::M && enough; ++r) in_lane(method_.dual.y[r], lane) = held_[lane][r];
         return true;

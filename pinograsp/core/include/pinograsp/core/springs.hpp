@@ -292,10 +292,12 @@ inline void find_multiples(const Reactions& own, const Limits& limits, std::int6
     }
 }
 
-// Joint torques of contacts with Jacobians (n, k, 6, joints) and frames (n, k, 3, 3): `torques` (n, joints) of forces
-// (n, k, d) and what is there without them, and the largest sizes (n, joints) that the reactions bring them to.
+// Joint torques of contacts with Jacobians (J, k, 6, joints), of which the n grasps are `places` (n), and frames
+// (n, k, 3, 3): `torques` (n, joints) of forces (n, k, d) and what is there without them, and the largest sizes
+// (n, joints) that the reactions bring them to.
 struct Efforts {
     int joints = 0;
+    const std::int64_t* places = nullptr;
     const double *jacobians = nullptr, *rotations = nullptr, *bias = nullptr, *local = nullptr;
     double *torques = nullptr, *most = nullptr;
 };
@@ -311,7 +313,7 @@ inline void find_efforts(const Reactions& own, std::int64_t start, std::int64_t 
         for (int i = 0; i < n * m; ++i) added[i] = 0.0;
         for (int i = 0; i < own.counts[g]; ++i) {
             const std::int64_t at = p * own.k + i;
-            const double *J = of.jacobians + at * 6 * n, *R = of.rotations + at * 9;
+            const double *J = of.jacobians + (of.places[p] * own.k + i) * 6 * n, *R = of.rotations + at * 9;
             for (int c = 0; c < d; ++c) {
                 const bool turns = d == 4 && c == 2;
                 const double *along = R + (c == d - 1 ? 2
