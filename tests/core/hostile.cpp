@@ -81,7 +81,8 @@ struct Counts {
     const char* name;
     long long at[4] = {};
 };
-Counts ticks{"ticks"}, answers{"answers"}, solved{"solves"}, batched{"problems of batches"}, boxes{"boxes"};
+Counts ticks{"ticks"}, answers{"answers"}, solved{"solves"}, batched{"problems of batches"},
+    searched{"least friction"}, boxes{"boxes"};
 long long refused = 0, compared = 0, borderline = 0, certified = 0, proofs = 0, proven_loads = 0;
 unsigned long long input = 0;  // its seed
 std::string place;             // what is being done
@@ -1049,6 +1050,31 @@ void answer_case(Case& own, bool compare) {
 
 // -- many problems ----------------------------------------------------------------------------------------------------
 
+// The least friction of the same problems, which agrees with what friction of their own was found to be.
+void search_friction(Batch batch, const Model& model, const std::vector<Grasp>& grasps,
+                     const std::vector<std::int64_t>& before) {
+    const auto n = static_cast<std::int64_t>(grasps.size());
+    Numbers least(n, infinity);
+    std::vector<std::int64_t> codes(n, 99);
+    batch.t = 0;
+    batch.most_mu = 2.0;
+    batch.within = 0.01;
+    BatchResults results;
+    results.codes = codes.data();
+    results.least_mu = least.data();
+    solve_batch(batch, model.d, model.round, 0, n, results);
+    for (std::int64_t p = 0; p < n; ++p) {
+        place = "least friction, problem " + std::to_string(p) + ", " + kinds[int(grasps[p].kind)];
+        if (codes[p] < 0 || codes[p] > 2) fail("code %d", int(codes[p]));
+        ++searched.at[codes[p]];
+        if (codes[p] == 0 && !(least[p] > 0.0)) fail("%g", least[p]);
+        if (codes[p] != 0 || grasps[p].kind != Kind::reasonable) continue;
+        const auto [low, high] = std::minmax_element(grasps[p].mu.begin(), grasps[p].mu.end());
+        if (before[p] == 0 && least[p] > *high + batch.within) fail("%g, but %g is enough", least[p], *high);
+        if (before[p] == 2 && least[p] < *low - 1e-6) fail("%g, but %g is too little", least[p], *low);
+    }
+}
+
 void run_batch(Bytes& bytes) {
     const int n = bytes.between(1, 20), k = bytes.once_in(8) ? bytes.between(1, 20) : bytes.between(2, 6);
     const Model model = models[bytes.below(5)];
@@ -1100,8 +1126,8 @@ void run_batch(Bytes& bytes) {
     batch.terms = terms.data();
     Numbers forces(3 * n * k), moments(n * k), objective(n), bound(n), residual(n), violation(n);
     std::vector<std::int64_t> codes(n, 99);
-    const BatchResults results{forces.data(),   moments.data(),   objective.data(), bound.data(),
-                               residual.data(), violation.data(), codes.data()};
+    BatchResults results{forces.data(),   moments.data(),   objective.data(), bound.data(),
+                         residual.data(), violation.data(), codes.data()};
     solve_batch(batch, model.d, model.round, 0, n, results);
     for (int p = 0; p < n; ++p) {
         place = "batch, problem " + std::to_string(p) + ", " + kinds[int(grasps[p].kind)];
@@ -1139,6 +1165,76 @@ void run_batch(Bytes& bytes) {
     if (codes[p] != together) fail("code alone %d, with neighbours %d", int(codes[p]), int(together));
     if (together == 0 && !(std::fabs(objective[p] - value) <= 1e-6 * std::fabs(value)))
         fail("alone %.17g, with neighbours %.17g", objective[p], value);
+    if (together == 2 || together == 0) codes[p] = together;
+    search_friction(batch, model, grasps, codes);
+}
+
+// -- contacts as springs ----------------------------------------------------------------------------------------------
+
+void run_springs(Bytes& bytes) {
+    const int n = bytes.between(1, 20), k = bytes.between(1, 8), m = width * bytes.between(0, 3);
+    const Model model = models[bytes.below(5)];
+    const int d = model.d, joints = bytes.between(0, 5);
+    const double torsion = d == 4 ? bytes.from(0.001, 0.02) : 0.0;
+    std::vector<Grasp> grasps;
+    std::vector<std::int64_t> counts(n), rows(n);
+    Numbers points(3 * n * k, none), rotations(9 * n * k, none), arms(n), wrenches(6 * m), local(n * k * d),
+        capacities(n * k), shares(n, 1.0), jacobians(n * k * 6 * joints), bias(n * joints);
+    for (int p = 0; p < n; ++p) {
+        counts[p] = bytes.once_in(4) ? bytes.between(1, k) : k;
+        rows[p] = bytes.below(n);
+        Grasp grasp = grasp_from(bytes, model, static_cast<int>(counts[p]));
+        std::copy(grasp.points.begin(), grasp.points.end(), points.begin() + 3 * k * p);
+        std::copy(grasp.rotations.begin(), grasp.rotations.end(), rotations.begin() + 9 * k * p);
+        arms[p] = grasp.kind == Kind::garbage ? bytes.hostile() : grasp.arm;
+        grasps.push_back(std::move(grasp));
+    }
+    for (Numbers* some : {&wrenches, &local, &capacities, &jacobians, &bias})
+        for (double& one : *some) one = bytes.spread(1.0);
+    if (bytes.once_in(8)) bytes.spoil(local);
+    std::vector<unsigned char> borne(2 * n * m + 1);
+    Numbers change(n * k * d * m), apart(n * k * d * m), offsets(n * k), multiples(n * m), tau(n * joints), most(tau);
+    const Springs springs{k,           d, m, torsion, points.data(), rotations.data(), counts.data(), arms.data(),
+                          wrenches.data()};
+    bool* flags = reinterpret_cast<bool*>(borne.data());
+    const Reactions whole{k, d, m, change.data(), flags, counts.data(), rows.data()},
+        spread{k, d, m, apart.data(), flags + n * m, counts.data(), rows.data()};
+    React(springs, whole).alike(0, n);
+    React(springs, spread).spread(0, n, whole, capacities.data());
+    const double limits[3] = {bytes.from(0.1, 1.0), limits[0], 0.01},
+                 facets[12] = {1.4, 0.0, 0.0, -1.4, 0.0, 0.0, 0.0, 1.4, 0.0, 0.0, -1.4, 0.0};
+    const Limits friction{model.round, model.round ? 0 : 12 / (d - 1), limits, facets};
+    find_offsets(spread, friction, 0, n, bytes.once_in(2) ? local.data() : nullptr, shares.data(), offsets.data());
+    find_multiples(spread, friction, 0, n, local.data(), multiples.data());
+    Efforts efforts{joints,       rows.data(), jacobians.data(), rotations.data(), bias.data(), local.data(),
+                    tau.data(), most.data()};
+    find_efforts(whole, 0, n, efforts);
+    for (int p = 0; p < n; ++p) {
+        place = "springs, problem " + std::to_string(p) + ", " + kinds[int(grasps[p].kind)];
+        for (int i = static_cast<int>(counts[p]); i < k; ++i)
+            if (norm(change.data() + (p * k + i) * d * m, d * m) != 0.0) fail("contacts that do not count react");
+        if (grasps[p].kind != Kind::reasonable) continue;
+        for (const Reactions* own : {&whole, &spread})
+            for (int l = 0; l < m; ++l) {
+                if (!own->borne[p * m + l]) continue;
+                // The balance, written out.
+                double left[6], size = 0.0;
+                for (int r = 0; r < 6; ++r) left[r] = wrenches[r * m + l] / (r < 3 ? 1.0 : arms[p]);
+                size = norm(left, 6);
+                for (int i = 0; i < counts[p]; ++i) {
+                    const double *R = rotations.data() + 9 * (p * k + i), *at = points.data() + 3 * (p * k + i);
+                    double f[4], force[3], moment[3];
+                    for (int j = 0; j < d; ++j) f[j] = own->change[((p * k + i) * d + j) * m + l];
+                    for (int r = 0; r < 3; ++r) force[r] = R[3 * r] * f[0] + R[3 * r + 1] * f[1] + R[3 * r + 2] * f[d - 1];
+                    cross(at, force, moment);
+                    for (int r = 0; r < 3; ++r) {
+                        left[r] += force[r];
+                        left[3 + r] += (moment[r] + (d == 4 ? R[3 * r + 2] * f[2] : 0.0)) / arms[p];
+                    }
+                }
+                if (!(norm(left, 6) <= 2e-6 * size)) fail("%g of %g are not balanced", norm(left, 6), size);
+            }
+    }
 }
 
 // -- least squares in a box -------------------------------------------------------------------------------------------
@@ -1193,7 +1289,7 @@ void run_box(Bytes& bytes) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     Bytes bytes(data, size);
-    const int entry = bytes.below(16);
+    const int entry = bytes.below(17);
     if (entry < 6) {
         place = "ticks";
         Ticks(bytes).run();
@@ -1207,6 +1303,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     } else if (entry < 15) {
         place = "batch";
         run_batch(bytes);
+    } else if (entry == 16) {
+        place = "springs";
+        run_springs(bytes);
     } else {
         place = "box";
         if (bytes.once_in(2))
@@ -1247,7 +1346,7 @@ int main(int count, char** arguments) {
     }
     std::printf("%llu inputs in %.1f s, %d lanes; the slowest, %llu, took %.1f ms\n", done, spent(), width, slow,
                 1e3 * slowest);
-    for (const Counts* one : {&ticks, &answers, &solved, &batched, &boxes})
+    for (const Counts* one : {&ticks, &answers, &solved, &batched, &searched, &boxes})
         std::printf("%-20s converged %lld, infeasible %lld, stalled %lld, unusable %lld\n", one->name, one->at[0],
                     one->at[2], one->at[1], one->at[3]);
     std::printf("%-20s %lld\n", "set-ups refused", refused);

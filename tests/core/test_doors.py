@@ -78,3 +78,108 @@ def test_an_approach_refuses_joints_that_are_not_there_and_what_is_no_number():
     way.add_part(0, frame, corners, np.zeros((1, 3)), np.zeros(3))
     with pytest.raises(ValueError, match="known"):
         way.pursue(0.0, 1.0, np.zeros(4), np.zeros(4), frame, np.zeros((7, 2)), 9)
+
+
+def springs_with(name, **changed):
+    """A call of the core for two grasps of three contacts and eight wrenches, with something changed."""
+    n, k, d, m = 2, 3, 3, 8
+    reactions = {
+        "change": np.zeros((n, k, d, m)),
+        "borne": np.zeros((n, m), bool),
+        "counts": np.array([3, 2]),
+        "rows": np.arange(n),
+    }
+    contacts = {"points": np.ones((n, k, 3)), "rotations": np.tile(np.eye(3), (n, k, 1, 1)), "counts": np.array([3, 2])}
+    friction = {"round": 2, "limits": np.array([0.5, 0.5]), "facets": np.zeros((0, 2))}
+    forces = {"local": np.ones((n, k, d))}
+    given = {
+        "react": {**contacts, "torsion": 0.0, "arms": np.ones(n), "wrenches": np.ones((6, m))},
+        "find_offsets": {**friction, **forces, "shares": np.ones(n), "offsets": np.zeros((n, k))},
+        "find_multiples": {**friction, **forces, "multiples": np.zeros((n, m))},
+        "find_efforts": {
+            **forces,
+            "jacobians": np.ones((n, k, 6, 4)),
+            "places": np.arange(n),
+            "rotations": contacts["rotations"],
+            "bias": np.zeros((n, 4)),
+            "torques": np.zeros((n, 4)),
+            "most": np.zeros((n, 4)),
+        },
+        "find_least_mu": {
+            **contacts,
+            "components": 3,
+            "round": 2,
+            "torsion": 0.0,
+            "most": 2.0,
+            "within": 0.01,
+            "loads": np.ones((n, 6)),
+            "low": np.zeros((n, k)),
+            "high": np.ones((n, k)),
+            "arms": np.ones(n),
+            "least": np.zeros(n),
+            "codes": np.zeros(n, dtype=np.int64),
+        },
+    }[name]
+    if name != "find_least_mu":
+        given = {**reactions, **given}
+    if name == "react":
+        del given["rows"]
+    given |= changed
+    getattr(core.load(), name)(given.pop("start", 0), given.pop("stop", n), **given)
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        *(
+            (name, changed)
+            for name in ("react", "find_offsets", "find_multiples", "find_efforts", "find_least_mu")
+            for changed in ({"start": -1}, {"start": 2, "stop": 1}, {"stop": 3}, {"counts": np.array([3, 4])})
+        ),
+        *(
+            (name, changed)
+            for name in ("react", "find_offsets", "find_multiples", "find_efforts")
+            for changed in (
+                {"change": np.zeros((2, 3, 5, 8))},
+                {"change": np.zeros((2, 3, 3, 9)), "borne": np.zeros((2, 9), bool)},
+                {"borne": np.zeros((2, 7), bool)},
+                {"counts": np.array([3])},
+            )
+        ),
+        *(
+            (name, changed)
+            for name in ("find_offsets", "find_multiples")
+            for changed in (
+                {"rows": np.array([0, 2])},
+                {"round": 3},
+                {"limits": np.array([0.5, 0.0])},
+                {"limits": np.array([0.5, np.nan])},
+                {"facets": np.zeros((1, 3))},
+                {"local": np.ones((2, 3, 4))},
+            )
+        ),
+        ("react", {"wrenches": np.ones((5, 8))}),
+        ("react", {"points": np.ones((2, 2, 3))}),
+        ("react", {"whole": np.zeros((2, 3, 3, 8))}),
+        (
+            "react",
+            {"whole": np.zeros((2, 3, 3, 4)), "whole_borne": np.zeros((2, 8), bool), "capacities": np.ones((2, 3))},
+        ),
+        ("find_offsets", {"shares": np.ones(1)}),
+        ("find_offsets", {"offsets": np.zeros((2, 2))}),
+        ("find_multiples", {"multiples": np.zeros((2, 7))}),
+        ("find_efforts", {"places": np.array([0, 2])}),
+        ("find_efforts", {"places": np.array([0])}),
+        ("find_efforts", {"jacobians": np.ones((2, 3, 6, 3))}),
+        ("find_efforts", {"most": np.zeros((2, 3))}),
+        ("find_least_mu", {"most": 0.0}),
+        ("find_least_mu", {"within": np.nan}),
+        ("find_least_mu", {"round": 3}),
+        ("find_least_mu", {"low": np.zeros((2, 4))}),
+        ("find_least_mu", {"least": np.zeros(1)}),
+    ],
+)
+def test_springs_refuse_arrays_that_do_not_go_together(name, changed):
+    springs_with(name)
+    with pytest.raises(ValueError):
+        springs_with(name, **changed)

@@ -301,14 +301,8 @@ void batch(std::int64_t start, std::int64_t stop, int components, int round, int
     own.squares = squares;
     own.mu = mu.data();
     own.terms = terms.data();
-    BatchResults results;
-    results.forces = forces.data();
-    results.moments = moments.data();
-    results.objective = objective.data();
-    results.lower_bound = lower_bound.data();
-    results.residual = residual.data();
-    results.violation = violation.data();
-    results.codes = codes.data();
+    BatchResults results{forces.data(),   moments.data(),   objective.data(), lower_bound.data(),
+                         residual.data(), violation.data(), codes.data()};
     nb::gil_scoped_release released;
     solve_batch(own, components, round, start, stop, results);
 }

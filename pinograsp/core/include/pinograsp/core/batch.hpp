@@ -26,12 +26,13 @@ struct Batch {
     double most_mu = 0.0, within = 0.0;
 };
 
-// Forces (N, k, 3), torsional moments (N, k); objective, lower bound, residual [N], violation [N]; the least friction
-// that holds, from above, or infinity (N); code (N).
+// Forces (N, k, 3), torsional moments (N, k); objective, lower bound, residual [N], violation [N], code (N). Of a search
+// only the code, and the least friction that holds, from above, or infinity (N).
 struct BatchResults {
     double *forces = nullptr, *moments = nullptr, *objective = nullptr, *lower_bound = nullptr, *residual = nullptr,
-           *violation = nullptr, *least_mu = nullptr;
+           *violation = nullptr;
     std::int64_t* codes = nullptr;
+    double* least_mu = nullptr;
 };
 
 template <class K>
