@@ -10,7 +10,7 @@ import numpy as np
 
 from pinograsp import core
 
-_AT_ONCE, _WORTHWHILE = 2048, 64  # rows per call: an interruption waits for the end of one; less is not worth a thread
+_AT_ONCE, _WORTHWHILE = 2048, 128  # rows per call: an interruption waits for the end of one; less is not worth a thread
 
 
 def call_in_parts(name: str, count: int, threads: int | None, given: Mapping[str, object]) -> None:
