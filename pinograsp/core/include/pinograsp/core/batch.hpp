@@ -26,8 +26,8 @@ struct Batch {
     double most_mu = 0.0, within = 0.0;
 };
 
-// Forces (N, k, 3), torsional moments (N, k); objective, lower bound, residual [N], violation [N], code (N). Of a search
-// only the code, and the least friction that holds, from above, or infinity (N).
+// Forces (N, k, 3), torsional moments (N, k); objective, lower bound, residual [N], violation [N], code (N). Of a
+// search only the code, and the least friction that holds, from above, or infinity (N).
 struct BatchResults {
     double *forces = nullptr, *moments = nullptr, *objective = nullptr, *lower_bound = nullptr, *residual = nullptr,
            *violation = nullptr;
@@ -74,7 +74,7 @@ private:
     // Of the most friction, what a search tries first; of friction that is enough, the next as long as nothing less is
     // proven to be too little: many grasps need next to none.
     static constexpr double first_share = 0.25, first_step = 0.125;
-    static constexpr int ray_rounds = 8;
+    static constexpr int ray_rounds = 8, most_doubts = 3;
 
     Batch batch_;
     int k_;
@@ -89,6 +89,7 @@ private:
     double scale_[width], unit_[width];
     // Of a search: friction that is too little, enough, and tried; multipliers of the last forces.
     double low_[width], high_[width], tried_[width], held_[width][K::M];
+    int doubts_[width] = {};
     struct Seen {
         double across, turning, normal;  // the columns of a contact along a ray
     };
@@ -142,6 +143,7 @@ private:
             const std::int64_t p = next_++;
             low_[lane] = 0.0;
             high_[lane] = infinity;
+            doubts_[lane] = 0;
             tried_[lane] = first_share * batch_.most_mu;
             const Code code = load(p, lane);
             if (code == Code::converged) {
@@ -273,9 +275,9 @@ private:
 
     // The next problem after one that ended so.
     void follow(int lane, Code code) {
-        if (searches() && code != Code::stalled) {
+        if (searches()) {
             if (narrows(lane, code)) return;
-            code = Code::converged;
+            if (code == Code::infeasible) code = Code::converged;
         }
         results_.codes[at_[lane]] = static_cast<std::int64_t>(code);
         take(lane);
@@ -284,6 +286,12 @@ private:
     // Whether a search goes on after friction that is enough or not: with the same problem and other friction.
     bool narrows(int lane, Code code) {
         const std::int64_t p = at_[lane];
+        if (code == Code::stalled) {
+            // Too near to the least friction to tell: then more of it is tried, a few times.
+            if (!std::isfinite(high_[lane]) || ++doubts_[lane] > most_doubts) return false;
+            try_friction(lane, 0.5 * (tried_[lane] + high_[lane]));
+            return true;
+        }
         if (code == Code::converged) {
             high_[lane] = tried_[lane];
             for (int r = 0; r < K::M; ++r) held_[lane][r] = in_lane(method_.dual.y[r], lane);
@@ -294,14 +302,18 @@ private:
             results_.least_mu[p] = high_[lane];
             return false;
         }
-        const bool enough = std::isfinite(high_[lane]);
-        if (!enough)
-            tried_[lane] = batch_.most_mu;
+        if (!std::isfinite(high_[lane]))
+            try_friction(lane, batch_.most_mu);
         else
-            tried_[lane] = low_[lane] > 0.0 ? 0.5 * (low_[lane] + high_[lane]) : first_step * high_[lane];
-        load(p, lane);
-        for (int r = 0; r < K::M && enough; ++r) in_lane(method_.dual.y[r], lane) = held_[lane][r];
+            try_friction(lane, low_[lane] > 0.0 ? 0.5 * (low_[lane] + high_[lane]) : first_step * high_[lane]);
         return true;
+    }
+
+    // The problem of a lane anew, with other friction, from the multipliers of what was enough.
+    void try_friction(int lane, double mu) {
+        tried_[lane] = mu;
+        load(at_[lane], lane);
+        for (int r = 0; r < K::M && std::isfinite(high_[lane]); ++r) in_lane(method_.dual.y[r], lane) = held_[lane][r];
     }
 
     // The most friction that the ray of a lane proves to be too little: its margin, at the friction that was tried a
