@@ -1199,8 +1199,8 @@ void run_springs(Bytes& bytes) {
     bool* flags = reinterpret_cast<bool*>(borne.data());
     const Reactions whole{k, d, m, change.data(), flags, counts.data(), rows.data()},
         spread{k, d, m, apart.data(), flags + n * m, counts.data(), rows.data()};
-    React(springs, whole).alike(0, n);
-    React(springs, spread).spread(0, n, whole, capacities.data());
+    SpringBalance(springs, whole).alike(0, n);
+    SpringBalance(springs, spread).spread(0, n, whole, capacities.data());
     const double limits[3] = {bytes.from(0.1, 1.0), limits[0], 0.01},
                  facets[12] = {1.4, 0.0, 0.0, -1.4, 0.0, 0.0, 0.0, 1.4, 0.0, 0.0, -1.4, 0.0};
     const Limits friction{model.round, model.round ? 0 : 12 / (d - 1), limits, facets};

@@ -378,7 +378,7 @@ void react(std::int64_t start, std::int64_t stop, double torsion, Numbers points
         sized(*capacities, n * k, "capacities");
     }
     nb::gil_scoped_release released;
-    React springs(own, into);
+    SpringBalance springs(own, into);
     if (whole)
         springs.spread(start, stop, before, capacities->data());
     else

@@ -42,7 +42,6 @@ public:
         method_.dual.blocks = memory_.part<Block<K>>(k_);
         method_.dual.count = k_;
         method_.costs = memory_.part<Cost<K>>(k_);
-        seen_ = memory_.part<Seen>(k_);
         for (int lane = 0; lane < width; ++lane) leave(lane);
     }
 
@@ -74,7 +73,7 @@ private:
     // Of the most friction, what a search tries first; of friction that is enough, the next as long as nothing less is
     // proven to be too little: many grasps need next to none.
     static constexpr double first_share = 0.25, first_step = 0.125;
-    static constexpr int ray_rounds = 8, most_doubts = 3;
+    static constexpr int most_doubts = 3;
 
     Batch batch_;
     int k_;
@@ -90,10 +89,6 @@ private:
     // Of a search: friction that is too little, enough, and tried; multipliers of the last forces.
     double low_[width], high_[width], tried_[width], held_[width][K::M];
     int doubts_[width] = {};
-    struct Seen {
-        double across, turning, normal;  // the columns of a contact along a ray
-    };
-    Seen* seen_;
 
     bool searches() const { return batch_.most_mu > 0.0; }
     double mu(std::int64_t at, int lane) const { return searches() ? tried_[lane] : batch_.mu[at]; }
@@ -296,7 +291,7 @@ private:
             high_[lane] = tried_[lane];
             for (int r = 0; r < K::M; ++r) held_[lane][r] = in_lane(method_.dual.y[r], lane);
         } else {
-            low_[lane] = raise(lane);
+            low_[lane] = tried_[lane];
         }
         if (low_[lane] >= batch_.most_mu || high_[lane] - low_[lane] <= batch_.within) {
             results_.least_mu[p] = high_[lane];
@@ -314,53 +309,6 @@ private:
         tried_[lane] = mu;
         load(at_[lane], lane);
         for (int r = 0; r < K::M && std::isfinite(high_[lane]); ++r) in_lane(method_.dual.y[r], lane) = held_[lane][r];
-    }
-
-    // The most friction that the ray of a lane proves to be too little: its margin, at the friction that was tried a
-    // certificate of Farkas, falls with friction.
-    double raise(int lane) {
-        double size = 0.0, limits = 0.0;
-        const int count = static_cast<int>(batch_.counts[at_[lane]]);
-        for (int r = 0; r < K::M; ++r) {
-            const double y = in_lane(method_.dual.y[r], lane);
-            size = max(size, std::fabs(y));
-            limits += in_lane(method_.dual.b[r], lane) * y;
-        }
-        for (int i = 0; i < count; ++i) {
-            double c[K::D] = {};
-            for (int j = 0; j < K::D; ++j)
-                for (int r = 0; r < K::M; ++r)
-                    c[j] += in_lane(method_.dual.blocks[i].a[j][r], lane) * in_lane(method_.dual.y[r], lane);
-            const double across =
-                K::R > 0 ? std::sqrt(c[0] * c[0] + c[1] * c[1]) : K::radius(0) * (std::fabs(c[0]) + std::fabs(c[1]));
-            seen_[i] = {across, K::D == 4 ? std::fabs(c[2]) : 0.0, c[K::E]};
-        }
-        const auto margin = [&](double ratio) {
-            double total = -limits - proven * size;
-            for (int i = 0; i < count; ++i) {
-                const double across = ratio * seen_[i].across, turning = seen_[i].turning;
-                const double pull = K::R == 3 ? std::sqrt(across * across + turning * turning) : across + turning;
-                const Block<K>& at = method_.dual.blocks[i];
-                const double along = seen_[i].normal - pull;
-                total += min(in_lane(at.lo, lane) * along, in_lane(at.hi, lane) * along);
-            }
-            return total;
-        };
-        double below = 1.0, above = batch_.most_mu / tried_[lane];
-        double at_below = margin(below), at_above = margin(above);
-        if (at_above > 0.0) return batch_.most_mu;
-        for (int round = 0; round < ray_rounds && at_below > 0.0; ++round) {
-            const double next = below + at_below * (above - below) / (at_below - at_above), found = margin(next);
-            if (found > 0.0) {
-                below = next;
-                at_below = found;
-                at_above *= 0.5;  // regula falsi (Illinois)
-            } else {
-                above = next;
-                at_above = found;
-            }
-        }
-        return below * tried_[lane];
     }
 
     // The answer of a lane, checked.

@@ -75,9 +75,9 @@ inline void diagonalise(Vector (&A)[6][6], Vector (&V)[6][6]) {
 }
 
 // How contacts react; `width` grasps at once, as far as their matrices are concerned.
-class React {
+class SpringBalance {
 public:
-    React(const Springs& springs, const Reactions& into) : own_(springs), into_(into) {
+    SpringBalance(const Springs& springs, const Reactions& into) : own_(springs), into_(into) {
         columns_ = memory_.part<double>(std::size_t(width) * own_.k * own_.d * 6);
         weights_ = memory_.part<double>(own_.k);
     }
