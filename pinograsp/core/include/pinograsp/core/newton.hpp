@@ -35,8 +35,9 @@ struct Newton {
     static constexpr int passes = 40, most_steps = 100;
     static constexpr double strong = 0.03;  // objectives of order one with at least this curvature need no more weight
     static constexpr double first_weight = 0.1, shrink = 0.1;  // proximal, from pass to pass
-    static constexpr double least_weight = 1e-3, floor = 1e-6;  // at the first pass that may be the last, and at the end
-    static constexpr double closed = 1e-9;                                          // relative gap
+    static constexpr double least_weight = 1e-3,
+                            floor = 1e-6;   // at the first pass that may be the last, and at the end
+    static constexpr double closed = 1e-9;  // relative gap
 
     Of dual;
     Cost<K>* costs = nullptr;
