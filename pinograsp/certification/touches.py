@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from pinograsp.certification.record import FAR_OFF
 from pinograsp.certification.setup import CertifySetup
-from pinograsp.contacts.bulk import BulkContacts
-from pinograsp.contacts.support import CORNERS
+from pinograsp.contacts.bulk import CORNERS, BulkContacts
 from pinograsp.motion.producible import HARDLY
 from pinograsp.objects.body import tangents
 from pinograsp.spatial import Array, BoolArray, IntArray, cross
@@ -78,7 +77,9 @@ def find_touches(setup: CertifySetup, q: Array, roots: Array) -> PostureTouches:
     allowed = _BEYOND * np.where(hand.slides, _LEVER, 1.0)
     beyond = ((q < hand.lower - allowed) | (q > hand.upper + allowed)).any(axis=1)
     q = np.clip(q, hand.lower, hand.upper)
-    bulk = setup.scene.contacts(q, roots, tolerance=options.tolerance, gravity_o=setup.conditions.gravity_o)
+    bulk = setup.scene.contacts(
+        q, roots, tolerance=options.tolerance, gravity_o=setup.conditions.gravity_o, threads=options.threads
+    )
     depth = bulk.depth
     off = ~beyond & (depth == 0) & (np.bincount(bulk.grasp, minlength=len(q)) == 0)
     depth[off] = -setup.scene.gaps(q[off], roots[off], np.arange(len(setup.scene.parts)), FAR_OFF)

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from pinograsp import core
 from pinograsp.contacts.clearance import Distances, Gap, HandPart
-from pinograsp.contacts.support import support_shape
+from pinograsp.contacts.compiled import joints_of, support_shape
 from pinograsp.spatial import Array
 
 _NEAR = 2e-6  # [m] from here on distances are coal's
@@ -103,17 +103,9 @@ class Approach:
 def _compile(distances: Distances, parts: Sequence[HandPart], touch: float, creep: float) -> Any:
     """The core's method for the same parts; those of unknown shapes it leaves to coal."""
     compiled = core.load().Approach(touch=touch, creep=creep, near=_NEAR)
-    model, data = distances.model, distances.model.createData()
-    pin.forwardKinematics(model, data, np.zeros(model.nq), np.ones(model.nv))
-    for j in range(1, model.njoints):
-        parent = model.parents[j]
-        # What a unit of its input adds, coupled joints their ratio.
-        own = data.v[j].vector - data.liMi[j].actInv(data.v[parent]).vector
-        compiled.add_joint(parent - 1, model.joints[j].idx_v, data.liMi[j].homogeneous, own)
-    unknown = np.zeros((0, 3)), np.zeros(3)
+    for joint in joints_of(distances.model):
+        compiled.add_joint(*joint)
     for part in parts:
-        compiled.add_part(
-            part.joint - 1, part.placement.homogeneous, part.corners, *(support_shape(part.hull) or unknown)
-        )
-    compiled.put(*(support_shape(distances.hull) or unknown))
+        compiled.add_part(part.joint - 1, part.placement.homogeneous, part.corners, *support_shape(part.hull))
+    compiled.put(*support_shape(distances.hull))
     return compiled

@@ -75,25 +75,6 @@ class SelfCollisions:
                 found.add(pair)
         return found
 
-    def first(self, oMi: Array) -> IntArray:
-        """A pair that overlaps (N,), by its place in ``pairs``, -1 where none does.
-
-        ``oMi``: placements (N, joints, 4, 4) of the joints.
-        """
-        found = np.full(len(oMi), -1)
-        if not len(self.pairs):
-            return found
-        poses = oMi[:, self.joints]
-        centres = np.einsum("npij,pj->npi", poses[..., :3, :3], self.centres) + poses[..., :3, 3]
-        between = centres[:, self.pairs[:, 0]] - centres[:, self.pairs[:, 1]]
-        for i, k in np.argwhere(np.einsum("npx,npx->np", between, between) <= self.reach**2).tolist():
-            if found[i] < 0:
-                b, a = self.pairs[k]
-                own = [pin.SE3(oMi[i, self.joints[one]]) * self.objects[one].placement for one in (a, b)]
-                if self._collide(a, b, *(coal.Transform3s(pose.rotation, pose.translation) for pose in own)):
-                    found[i] = k
-        return found
-
     def _place(self, i: int) -> coal.Transform3s:
         one = self.objects[i]
         pose = self.data.oMi[one.parentJoint] * one.placement

@@ -11,7 +11,7 @@ import pytest
 
 from pinograsp import core
 from pinograsp.contacts import close_hand
-from pinograsp.contacts.support import support_shape
+from pinograsp.contacts.compiled import support_shape
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import load_hand
 from pinograsp.objects import Box, Cylinder, Ellipsoid, Sphere

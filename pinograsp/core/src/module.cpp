@@ -457,8 +457,7 @@ void array_of(nb::class_<Setup>& record, const char* name, std::vector<double> S
 Triple triple_of(const double* values) { return {values[0], values[1], values[2]}; }
 
 // A homogeneous placement (4, 4).
-Frame frame_of(const Numbers& values) {
-    const double* own = finite(values, 16, "frame");
+Frame frame_at(const double* own) {
     Frame found;
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) found.R[3 * i + j] = own[4 * i + j];
@@ -467,13 +466,34 @@ Frame frame_of(const Numbers& values) {
     return found;
 }
 
+Frame frame_of(const Numbers& values) { return frame_at(finite(values, 16, "frame")); }
+
+std::vector<Triple> triples_of(const Numbers& values, const char* what) {
+    need(values.size() % 3 == 0, what);
+    const double* own = finite(values, values.size(), what);
+    std::vector<Triple> found;
+    for (std::size_t i = 0; i < values.size(); i += 3) found.push_back(triple_of(own + i));
+    return found;
+}
+
 // Points (n, 3), none of an unknown shape, and radii (3).
 Solid solid_of(const Numbers& points, const Numbers& radii) {
-    Solid found{{}, triple_of(finite(radii, 3, "radii"))};
-    need(points.size() % 3 == 0, "points");
-    const double* own = finite(points, points.size(), "points");
-    for (std::size_t i = 0; i < points.size(); i += 3) found.points.push_back(triple_of(own + i));
-    return found;
+    const double* own = finite(radii, 3, "radii");
+    need(std::all_of(own, own + 3, [](double one) { return one >= 0.0; }), "radii");
+    return Solid(triples_of(points, "points"), triple_of(own));
+}
+
+int joint_of(const std::vector<Joint>& joints, std::int64_t joint) {
+    need(joint >= -1 && joint < static_cast<std::int64_t>(joints.size()), "joint");
+    return static_cast<int>(joint);
+}
+
+// The next of them: its parent is there already.
+Joint make_joint(const std::vector<Joint>& joints, std::int64_t parent, std::int64_t input, const Numbers& frame,
+                 const Numbers& screw) {
+    need(input >= 0 && input < 100000, "input");
+    const double* own = finite(screw, 6, "screw");
+    return {joint_of(joints, parent), static_cast<int>(input), frame_of(frame), triple_of(own), triple_of(own + 3)};
 }
 
 // A hand's joints and parts, and an object, added one by one.
@@ -486,21 +506,13 @@ struct Approach {
         for (double one : {touch, creep, near}) need_number(one, true, "margins");
     }
 
-    int joint_of(std::int64_t joint) const {
-        need(joint >= -1 && joint < static_cast<std::int64_t>(way.joints.size()), "joint");
-        return static_cast<int>(joint);
-    }
-
     void add_joint(std::int64_t parent, std::int64_t input, Numbers frame, Numbers screw) {
-        need(input >= 0 && input < 100000, "input");
-        const double* own = finite(screw, 6, "screw");
-        way.joints.push_back(
-            {joint_of(parent), static_cast<int>(input), frame_of(frame), triple_of(own), triple_of(own + 3)});
+        way.joints.push_back(make_joint(way.joints, parent, input, frame, screw));
         inputs = std::max(inputs, static_cast<std::size_t>(input) + 1);
     }
 
     void add_part(std::int64_t joint, Numbers frame, Numbers corners, Numbers points, Numbers radii) {
-        Part part{joint_of(joint), frame_of(frame), solid_of(points, radii), {}};
+        Part part{joint_of(way.joints, joint), frame_of(frame), solid_of(points, radii), {}};
         const double* own = finite(corners, 24, "corners");
         for (std::size_t i = 0; i < 8; ++i) part.corners[i] = triple_of(own + 3 * i);
         way.parts.push_back(std::move(part));
@@ -517,6 +529,109 @@ struct Approach {
             way.pursue(at, end, finite(q, q.size(), "q"), finite(rate, rate.size(), "rate"), frame_of(object_pose),
                        {row, row + p, row + 2 * p, row + 3 * p, row + 4 * p, row + 5 * p, row + 6 * p}, margins, left);
         return nb::make_tuple(reached, most - left);
+    }
+};
+
+// -- where hands touch an object --------------------------------------------------------------------------------------
+
+// Triangles (m, 3, 3) of a surface.
+Body surface_of(const Numbers& triangles) {
+    need(triangles.size() % 9 == 0, "triangles");
+    const std::vector<Triple> corners = triples_of(triangles, "triangles");
+    std::vector<Solid> pieces;
+    for (std::size_t i = 0; i < corners.size(); i += 3)
+        pieces.push_back(Solid({corners[i], corners[i + 1], corners[i + 2]}, {}));
+    return Body(std::move(pieces));
+}
+
+// A hand's joints and parts, and an object, added one by one.
+struct Scene {
+    TouchScene own;
+
+    Scene(std::int64_t inputs, Numbers root, Numbers object) {
+        need(inputs >= 0 && inputs <= 100000, "inputs");
+        own.inputs = static_cast<int>(inputs);
+        own.root = frame_of(root), own.object = frame_of(object);
+    }
+
+    void add_joint(std::int64_t parent, std::int64_t input, Numbers frame, Numbers screw, double mass, Numbers moment) {
+        need(input < own.inputs, "input");
+        own.joints.push_back(make_joint(own.joints, parent, input, frame, screw));
+        need_number(mass, false, "mass");
+        own.loads.push_back({mass, triple_of(finite(moment, 3, "moment"))});
+    }
+
+    void add_part(std::int64_t joint, Numbers frame, std::int64_t link, Numbers points, Numbers radii,
+                  Numbers triangles) {
+        need(link >= 0 && link <= static_cast<std::int64_t>(own.parts.size()), "link");
+        need(points.size() + triangles.size() > 0, "points, triangles");
+        PartOfHand part{joint_of(own.joints, joint), frame_of(frame), static_cast<int>(link), {}, {}};
+        part.hull = points.size() > 0 ? Body(solid_of(points, radii)) : surface_of(triangles);
+        if (points.size() > 0) part.surface = surface_of(triangles);
+        own.parts.push_back(std::move(part));
+    }
+
+    int part_of(std::int64_t part) const {
+        need(part >= 0 && part < static_cast<std::int64_t>(own.parts.size()), "part");
+        return static_cast<int>(part);
+    }
+
+    void add_pair(std::int64_t one, std::int64_t other) { own.pairs.push_back({part_of(one), part_of(other)}); }
+
+    void add_solid(Numbers points, Numbers radii) {
+        need(points.size() > 0, "points");
+        own.solids.emplace_back(solid_of(points, radii));
+    }
+
+    // How many postures (N, n) there are, with the hand's root at roots (N, 4, 4).
+    std::size_t postures_of(const Numbers& q, const Numbers& roots) const {
+        const std::size_t count = roots.size() / 16;
+        need(roots.size() == 16 * count && q.size() == count * own.inputs, "q, roots");
+        finite(q, q.size(), "q"), finite(roots, roots.size(), "roots");
+        need(!own.solids.empty(), "solids");
+        return count;
+    }
+
+    std::unique_ptr<Touches> touch(Numbers q, Numbers roots, double tolerance, double lean, Numbers gravity) const {
+        const std::size_t count = postures_of(q, roots);
+        need_number(tolerance, false, "tolerance"), need_number(lean, false, "lean");
+        const TouchOptions options{tolerance, lean, triple_of(finite(gravity, 3, "gravity"))};
+        auto found = std::make_unique<Touches>();
+        nb::gil_scoped_release released;
+        Toucher toucher(own);
+        for (std::size_t i = 0; i < count; ++i)
+            toucher.touch(q.data() + i * own.inputs, frame_at(roots.data() + 16 * i), options, *found);
+        return found;
+    }
+
+    // Fills gaps (N).
+    void gaps(Numbers q, Numbers roots, Indices parts, double reach, Written gaps) const {
+        const std::size_t count = postures_of(q, roots);
+        need_number(reach, false, "reach"), need(gaps.size() == count, "gaps");
+        std::vector<int> chosen;
+        for (std::size_t i = 0; i < parts.size(); ++i) chosen.push_back(part_of(parts.data()[i]));
+        nb::gil_scoped_release released;
+        Toucher toucher(own);
+        for (std::size_t i = 0; i < count; ++i)
+            gaps.data()[i] = toucher.gap(q.data() + i * own.inputs, frame_at(roots.data() + 16 * i), chosen, reach);
+    }
+
+    // Fills placements (N, p, 4, 4), zeros before.
+    void place(Numbers q, Numbers roots, Written placed) const {
+        const std::size_t count = postures_of(q, roots);
+        need(placed.size() == 16 * count * own.parts.size(), "placed");
+        Toucher toucher(own);
+        std::vector<Frame> frames;
+        for (std::size_t i = 0; i < count; ++i)
+            toucher.place(q.data() + i * own.inputs, frame_at(roots.data() + 16 * i), frames);
+        double* to = placed.data();
+        for (const Frame& frame : frames) {
+            for (int i = 0; i < 3; ++i) {
+                std::copy(frame.R.begin() + 3 * i, frame.R.begin() + 3 * i + 3, to);
+                to[3] = frame.t[i], to += 4;
+            }
+            to[3] = 1.0, to += 4;
+        }
     }
 };
 
@@ -654,6 +769,43 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
             "put", [](Approach& own, Numbers points, Numbers radii) { own.way.object = solid_of(points, radii); },
             "points"_a, "radii"_a)
         .def("pursue", &Approach::pursue, "at"_a, "end"_a, "q"_a, "rate"_a, "object_pose"_a, "known"_a, "most"_a);
+    nb::class_<Touches> touches(m, "Touches");
+    const auto numbers = [&touches](const char* name, std::vector<double> Touches::* values) {
+        touches.def_prop_ro(name, [values](nb::handle self) {
+            std::vector<double>& own = nb::cast<Touches&>(self).*values;
+            return view(own.data(), {own.size()}, self);
+        });
+    };
+    numbers("gap", &Touches::gap);
+    numbers("points", &Touches::points);
+    numbers("normals", &Touches::normals);
+    numbers("corners", &Touches::corners);
+    numbers("leaning", &Touches::leaning);
+    numbers("jacobians", &Touches::jacobians);
+    numbers("depth", &Touches::depth);
+    numbers("gravity", &Touches::gravity);
+    const auto indices = [&touches](const char* name, std::vector<std::int64_t> Touches::* values) {
+        touches.def_prop_ro(name, [values](nb::handle self) {
+            std::vector<std::int64_t>& own = nb::cast<Touches&>(self).*values;
+            return nb::ndarray<nb::numpy, std::int64_t, nb::ndim<1>>(own.data(), {own.size()}, self);
+        });
+    };
+    indices("grasp", &Touches::grasp);
+    indices("part", &Touches::part);
+    indices("counts", &Touches::counts);
+    indices("collision", &Touches::collision);
+    indices("failed", &Touches::failed);
+    nb::class_<Scene>(m, "Scene")
+        .def(nb::init<std::int64_t, Numbers, Numbers>(), "inputs"_a, "root"_a, "object_pose"_a)
+        .def("add_joint", &Scene::add_joint, "parent"_a, "input"_a, "frame"_a, "screw"_a, "mass"_a, "moment"_a)
+        .def("add_part", &Scene::add_part, "joint"_a, "frame"_a, "link"_a, "points"_a, "radii"_a, "triangles"_a)
+        .def("add_pair", &Scene::add_pair, "one"_a, "other"_a)
+        .def("add_solid", &Scene::add_solid, "points"_a, "radii"_a)
+        .def(
+            "put", [](Scene& own, Numbers triangles) { own.own.surface = surface_of(triangles); }, "triangles"_a)
+        .def("touch", &Scene::touch, "q"_a, "roots"_a, nb::kw_only(), "tolerance"_a, "lean"_a, "gravity"_a)
+        .def("gaps", &Scene::gaps, "q"_a, "roots"_a, "parts"_a, "reach"_a, "gaps"_a)
+        .def("place", &Scene::place, "q"_a, "roots"_a, "placed"_a);
     m.def("solve_batch", &batch, "start"_a, "stop"_a, nb::kw_only(), "components"_a, "round"_a, "rows"_a, "torsion"_a,
           "squares"_a, "points"_a, "rotations"_a, "counts"_a, "loads"_a, "mu"_a, "low"_a, "high"_a, "arms"_a, "terms"_a,
           "forces"_a, "moments"_a, "objective"_a, "lower_bound"_a, "residual"_a, "violation"_a, "codes"_a);

@@ -7,3 +7,4 @@
 #include "core/multipliers.hpp"
 #include "core/online.hpp"
 #include "core/springs.hpp"
+#include "core/touch.hpp"

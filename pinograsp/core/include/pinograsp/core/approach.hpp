@@ -14,6 +14,14 @@ struct Joint {
     int parent, input;  // -1: the world; whose rate moves it
     Frame frame;
     Triple linear, angular;  // one of them zero
+
+    // In its parent's frame, its input at a value.
+    Frame at(double value) const {
+        Frame found = frame;
+        found.t = frame.act(value * linear);
+        found.R = (Frame{frame.R, {}} * rotate_by(value * angular)).R;
+        return found;
+    }
 };
 
 // A convex part of a hand; without points: any shape, which is never told clear.
@@ -67,10 +75,7 @@ private:
             const Joint& joint = joints[j];
             Moved& own = moved_[j];
             const Moved* parent = joint.parent < 0 ? nullptr : &moved_[joint.parent];
-            const double value = q[joint.input] + length * rate[joint.input];
-            Frame frame = joint.frame;
-            frame.t = frame.act(value * joint.linear);
-            frame.R = (Frame{frame.R, {}} * rotate_by(value * joint.angular)).R;
+            const Frame frame = joint.at(q[joint.input] + length * rate[joint.input]);
             own.frame = parent ? parent->frame * frame : frame;
             own.linear = own.angular = {};
             if (parent) {
@@ -82,25 +87,15 @@ private:
         }
     }
 
-    // A rotation by a vector [rad] (Rodrigues).
-    static Frame rotate_by(const Triple& by) {
-        const double angle = length(by);
-        Frame found;
-        if (angle == 0.0) return found;
-        const Triple u = (1.0 / angle) * by;
-        const double s = std::sin(angle), c = std::cos(angle), t = 1.0 - c;
-        found.R = {c + t * u[0] * u[0],        t * u[0] * u[1] - s * u[2], t * u[0] * u[2] + s * u[1],
-                   t * u[0] * u[1] + s * u[2], c + t * u[1] * u[1],        t * u[1] * u[2] - s * u[0],
-                   t * u[0] * u[2] - s * u[1], t * u[1] * u[2] + s * u[0], c + t * u[2] * u[2]};
-        return found;
-    }
-
     // Whether part i is clear of the object; when it can touch first is noted.
     bool look(std::size_t i, double at, const Frame& there, const Known& known, const Margins& margins) const {
         const Part& part = parts[i];
-        if (part.solid.points.empty() || object.points.empty()) return false;
+        if (part.solid.empty() || object.empty()) return false;
         const Moved& moved = part.joint < 0 ? still_ : moved_[part.joint];
-        const Parting plane = core::part(part.solid, moved.frame * part.frame, object, there);
+        const Frame placed = moved.frame * part.frame;
+        const Couple couple{part.solid, object, placed.inverse() * there};
+        Parting plane = core::part(couple, towards(couple), roughly);
+        plane.normal = placed.turn(plane.normal);
         if (!(plane.distance >= margins.near)) return false;
         known.gaps[i] = plane.distance;
         known.since[i] = at;

@@ -38,6 +38,11 @@ struct Frame {
                 R[2] * a[0] + R[5] * a[1] + R[8] * a[2]};
     }
     Triple act(const Triple& a) const { return turn(a) + t; }
+    Triple act_back(const Triple& a) const { return turn_back(a - t); }
+    Frame inverse() const {
+        const Triple back = turn_back(t);
+        return {{R[0], R[3], R[6], R[1], R[4], R[7], R[2], R[5], R[8]}, {-back[0], -back[1], -back[2]}};
+    }
     Frame operator*(const Frame& other) const {
         Frame found;
         for (int i = 0; i < 3; ++i)
@@ -49,21 +54,117 @@ struct Frame {
     }
 };
 
-// The hull of points, and an ellipsoid about each of its points: balls make it round, flat ones cylinders.
-struct Solid {
-    std::vector<Triple> points;
-    Triple radii{};
+// The rotation by a vector [rad] (Rodrigues).
+inline Frame rotate_by(const Triple& by) {
+    const double angle = length(by);
+    Frame found;
+    if (angle == 0.0) return found;
+    const Triple u = (1.0 / angle) * by;
+    const double s = std::sin(angle), c = std::cos(angle), t = 1.0 - c;
+    found.R = {c + t * u[0] * u[0],        t * u[0] * u[1] - s * u[2], t * u[0] * u[2] + s * u[1],
+               t * u[0] * u[1] + s * u[2], c + t * u[1] * u[1],        t * u[1] * u[2] - s * u[0],
+               t * u[0] * u[2] - s * u[1], t * u[1] * u[2] + s * u[0], c + t * u[2] * u[2]};
+    return found;
+}
 
-    // The point farthest along a direction, in its own frame.
-    Triple farthest(const Triple& along) const {
-        const Triple* best = points.data();
+// A unit vector across another one.
+inline Triple across(const Triple& normal) {
+    int least = 0;
+    for (int i = 1; i < 3; ++i)
+        if (std::fabs(normal[i]) < std::fabs(normal[least])) least = i;
+    Triple axis{};
+    axis[least] = 1.0;
+    const Triple found = cross(normal, axis);
+    return (1.0 / length(found)) * found;
+}
+
+// The hull of points, and an ellipsoid about each of its points: balls make it round, flat ones cylinders.
+class Solid {
+public:
+    Solid() = default;
+    Solid(const std::vector<Triple>& points, const Triple& radii)
+        : radii_(radii), ball_(radii[0] == radii[1] && radii[1] == radii[2]), count_(points.size()) {
+        blocks_.assign((count_ + width - 1) / width * 3 * width, 0.0);
+        for (std::size_t i = 0; i < blocks_.size() / 3; ++i)
+            for (std::size_t x = 0; x < 3; ++x)
+                blocks_[i / width * 3 * width + x * width + i % width] = points[i < count_ ? i : 0][x];
+    }
+
+    bool empty() const { return count_ == 0; }
+    Triple point(std::size_t i) const {
+        const double* own = blocks_.data() + i / width * 3 * width + i % width;
+        return {own[0], own[width], own[2 * width]};
+    }
+
+    // A radius of what is about each point of the core, which is the solid less that.
+    double round() const { return ball_ ? radii_[0] : 0.0; }
+    // The point of the core farthest along a direction.
+    Triple farthest_of_core(const Triple& along) const {
+        const Triple found = corner(along);
+        return ball_ ? found : found + stretch(along);
+    }
+    // The point farthest along a direction.
+    Triple farthest(const Triple& along) const { return corner(along) + stretch(along); }
+
+private:
+    Triple corner(const Triple& along) const {
+        if (count_ <= width) return few_corner(along);
+        Vector most = -std::numeric_limits<double>::infinity(), which = 0.0;
+        const double* at = blocks_.data();
+        for (std::size_t i = 0; i < count_; i += width, at += 3 * width) {
+            const Vector far = lanes_at(at) * Vector(along[0]) + lanes_at(at + width) * Vector(along[1]) +
+                               lanes_at(at + 2 * width) * Vector(along[2]);
+            const Mask better = far > most;
+            most = select(better, far, most);
+            which = select(better, Vector(static_cast<double>(i)), which);
+        }
+        int best = 0;
+        for (int l = 1; l < width; ++l) {
+            const double more = in_lane(most, l) - in_lane(most, best);
+            if (more > 0.0 || (more == 0.0 && in_lane(which, l) < in_lane(which, best))) best = l;
+        }
+        return point(static_cast<std::size_t>(in_lane(which, best)) + static_cast<std::size_t>(best));
+    }
+
+    Triple few_corner(const Triple& along) const {
+        const double* own = blocks_.data();
         double most = -std::numeric_limits<double>::infinity();
-        for (const Triple& point : points)
-            if (const double far = dot(point, along); far > most) most = far, best = &point;
-        const Triple stretched{radii[0] * along[0], radii[1] * along[1], radii[2] * along[2]};
+        std::size_t best = 0;
+        for (std::size_t i = 0; i < count_; ++i) {
+            const double far = own[i] * along[0] + own[width + i] * along[1] + own[2 * width + i] * along[2];
+            best = far > most ? i : best;
+            most = far > most ? far : most;
+        }
+        return point(best);
+    }
+
+    Triple stretch(const Triple& along) const {
+        const Triple stretched{radii_[0] * along[0], radii_[1] * along[1], radii_[2] * along[2]};
         const double size = length(stretched);
-        if (size == 0.0) return *best;
-        return *best + (1.0 / size) * Triple{radii[0] * stretched[0], radii[1] * stretched[1], radii[2] * stretched[2]};
+        if (size == 0.0) return {};
+        return (1.0 / size) * Triple{radii_[0] * stretched[0], radii_[1] * stretched[1], radii_[2] * stretched[2]};
+    }
+
+    Triple radii_{};
+    bool ball_ = true;
+    std::size_t count_ = 0;
+    std::vector<double> blocks_;  // of `width` points each: their x, y and z
+};
+
+// A point of the difference of two solids, and that of the first solid in it.
+struct Difference {
+    Triple point, own;
+};
+
+// Two solids, and the second's frame in that of the first; the difference of their cores.
+struct Couple {
+    const Solid &one, &other;
+    Frame there;
+
+    double round() const { return one.round() + other.round(); }
+    Difference farthest(const Triple& along) const {
+        const Triple own = one.farthest_of_core(along);
+        return {own - there.act(other.farthest_of_core(there.turn_back(-1.0 * along))), own};
     }
 };
 
@@ -71,18 +172,19 @@ struct Solid {
 class Simplex {
 public:
     // Takes a point in, leaves those out that the nearest point does not need; the nearest point.
-    Triple nearest_with(const Triple& point) {
+    Difference nearest_with(const Difference& point) {
         corners_[count_++] = point;
         const int all = count_;
         double least = std::numeric_limits<double>::infinity();
-        Triple found{};
+        Difference found{};
         int kept = 1;
         // Few enough to try every face, edge and corner that has the new point.
         for (int others = 0; others < 1 << (all - 1); ++others) {
             const int members = others | 1 << (all - 1);
-            Triple near;
+            Difference near;
             if (!inside(members, near)) continue;
-            if (const double size = dot(near, near); size < least) least = size, found = near, kept = members;
+            if (const double size = dot(near.point, near.point); size < least)
+                least = size, found = near, kept = members;
         }
         count_ = 0;
         for (int i = 0; i < all; ++i)
@@ -91,71 +193,97 @@ public:
     }
 
     bool full() const { return count_ == 4; }
+    int count() const { return count_; }
+    const Difference& corner(int i) const { return corners_[i]; }
 
 private:
     // The point nearest to the origin in the plane of some corners, and whether it lies between them.
-    bool inside(int members, Triple& near) const {
-        const Triple* at[4];
+    bool inside(int members, Difference& near) const {
+        const Difference* at[4] = {};
         int n = 0;
         for (int i = 0; i < count_; ++i)
             if (members >> i & 1) at[n++] = &corners_[i];
+        near = *at[0];
+        if (n == 1) return true;
+        const Triple &first = at[0]->point, a = at[1]->point - first;
         if (n == 4) {  // the origin is inside, if anywhere
-            near = {};
-            const Triple a = *at[1] - *at[0], b = *at[2] - *at[0], c = *at[3] - *at[0], o = -1.0 * *at[0];
+            near.point = {};
+            const Triple b = at[2]->point - first, c = at[3]->point - first, o = -1.0 * first;
             const double volume = dot(a, cross(b, c));
             if (volume == 0.0) return false;
             const double x = dot(o, cross(b, c)) / volume, y = dot(a, cross(o, c)) / volume,
                          z = dot(a, cross(b, o)) / volume;
             return x >= 0.0 && y >= 0.0 && z >= 0.0 && x + y + z <= 1.0;
         }
-        near = *at[0];
-        if (n == 1) return true;
-        const Triple a = *at[1] - *at[0];
-        const double aa = dot(a, a), ao = -dot(a, *at[0]);
+        const double aa = dot(a, a), ao = -dot(a, first);
         if (n == 2) {
             if (!(aa > 0.0)) return false;
-            near = near + ao / aa * a;
-            return ao >= 0.0 && ao <= aa;
+            const double x = ao / aa;
+            near.point = near.point + x * a;
+            near.own = near.own + x * (at[1]->own - at[0]->own);
+            return x >= 0.0 && x <= 1.0;
         }
-        const Triple b = *at[2] - *at[0];
-        const double bb = dot(b, b), ab = dot(a, b), bo = -dot(b, *at[0]), det = aa * bb - ab * ab;
+        const Triple b = at[2]->point - first;
+        const double bb = dot(b, b), ab = dot(a, b), bo = -dot(b, first), det = aa * bb - ab * ab;
         if (!(det > 0.0)) return false;
         const double x = (bb * ao - ab * bo) / det, y = (aa * bo - ab * ao) / det;
-        near = near + x * a + y * b;
+        near.point = near.point + x * a + y * b;
+        near.own = near.own + x * (at[1]->own - at[0]->own) + y * (at[2]->own - at[0]->own);
         return x >= 0.0 && y >= 0.0 && x + y <= 1.0;
     }
 
-    Triple corners_[4];
+    Difference corners_[4];
     int count_ = 0;
 };
 
-// A plane between two solids.
+// How well a gap is to be known.
+struct Precision {
+    double near, off;  // to that share of it, and so many more [m]
+    int most;          // steps
+};
+constexpr Precision roughly{1e-3, 1e-8, 40}, closely{1e-10, 1e-15, 200};
+
+// A plane between two solids, or the nearest points of their cores; as seen from the first.
 struct Parting {
-    double distance;  // at least this far apart [m]; negative: no plane was found
-    Triple normal;    // from the first to the second
+    double distance = -std::numeric_limits<double>::infinity();  // they are at least so far apart [m]
+    Triple normal{1.0, 0.0, 0.0};                                // of the plane, from the first to the second
+    Difference nearest{};
+    double size = std::numeric_limits<double>::infinity();  // of what is between these
+    Simplex simplex;
 };
 
-// The widest gap between two solids, to a thousandth; whatever rounding does, there is that much.
-inline Parting part(const Solid& one, const Frame& at, const Solid& other, const Frame& there) {
-    constexpr int most = 40;
-    constexpr double near = 1e-3, off = 1e-8;
-    Parting best{-std::numeric_limits<double>::infinity(), {1.0, 0.0, 0.0}};
-    Simplex simplex;
-    Triple v = at.act(one.points[0]) - there.act(other.points[0]);
-    for (int i = 0; i < most; ++i) {
-        const double size = length(v);
-        if (!(size > off)) break;
-        const Triple along = (-1.0 / size) * v;
-        const Triple w =
-            at.act(one.farthest(at.turn_back(along))) - there.act(other.farthest(there.turn_back(-1.0 * along)));
-        const double gap = -dot(w, along);
-        if (gap > best.distance) best = {gap, along};
-        if (size - best.distance <= near * size + off) break;
-        const Triple next = simplex.nearest_with(w);
-        if (simplex.full() || (i > 0 && !(dot(next, next) < size * size))) break;
-        v = next;
+// The widest gap between two solids; whatever rounding does, there is that much. Begun along a unit vector, and ended
+// where the gap is wider than `beyond`.
+inline Parting part(const Couple& couple, Triple along, const Precision& precision,
+                    double beyond = std::numeric_limits<double>::infinity()) {
+    Parting found;
+    const double round = couple.round();
+    for (int i = 0; i < precision.most; ++i) {
+        const Difference w = couple.farthest(along);
+        const double gap = -dot(w.point, along) - round;
+        if (gap > found.distance) found.distance = gap, found.normal = along;
+        if (found.distance > beyond) break;
+        const double left = found.size - round - found.distance;
+        if (left <= precision.near * std::max(found.distance, 0.0) + precision.off) break;
+        const Difference next = found.simplex.nearest_with(w);
+        const double size = length(next.point);
+        if (found.simplex.full()) {
+            found.size = 0.0;
+            break;
+        }
+        if (!(size < found.size)) break;
+        found.nearest = next, found.size = size;
+        if (!(size > precision.off)) break;
+        along = (-1.0 / size) * next.point;
     }
-    return best;
+    return found;
+}
+
+// A unit vector from about the middle of one solid to that of another.
+inline Triple towards(const Couple& couple) {
+    const Triple between = couple.there.act(couple.other.point(0)) - couple.one.point(0);
+    const double size = length(between);
+    return size > 0.0 ? (1.0 / size) * between : Triple{1.0, 0.0, 0.0};
 }
 
 }  // namespace PINOGRASP_CORE_LEVEL

@@ -1,24 +1,34 @@
-"""Areas that convex shapes have in common when they touch."""
+"""Areas that convex shapes have in common when they touch, as the compiled core finds them."""
 
 import coal
 import numpy as np
 import pytest
 
-from pinograsp.contacts.support import common_corners, support_shape, tilt
+from pinograsp import core
+from pinograsp.contacts.compiled import support_shape
 
 LEAN = 0.01  # [rad]
-UP = np.array([[0.0, 0.0, 1.0]])
 
 
-def corners_of(one, placed_one, other, placed_other, normal=UP):
-    """Corners that two of coal's shapes have in common at the origin, placed (R, p), sorted."""
-    supports = []
-    directions = tilt(normal, LEAN)
-    for shape, (R, p), along in ((one, placed_one, directions), (other, placed_other, directions * [1, 1, -1])):
-        supports.append(support_shape(shape).support(along @ R) @ R.T + p)
-    found, counts, leaning = common_corners(*supports, np.zeros((1, 3)), normal)
-    corners_of.leaning = leaning[0, : counts[0]]
-    return found[0, : counts[0]]
+def pose_of(placed):
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = placed
+    return pose
+
+
+def areas_of(one, placed_one, other, placed_other):
+    """What two of coal's shapes, placed (R, p), have in common where they touch: corners, leanings, and the point."""
+    scene = core.load().Scene(0, np.eye(4), pose_of(placed_other))
+    scene.add_part(-1, pose_of(placed_one), 0, *support_shape(one), np.zeros((0, 3, 3)))
+    scene.add_solid(*support_shape(other))
+    found = scene.touch(np.zeros((1, 0)), np.eye(4)[None], tolerance=1e-5, lean=LEAN, gravity=np.zeros(3))
+    assert len(found.gap) == 1 and abs(found.gap[0]) < 1e-9
+    count = found.counts[0]
+    return found.corners.reshape(4, 3)[:count], found.leaning[:count], found.points
+
+
+def corners_of(*placed):
+    return areas_of(*placed)[0]
 
 
 def turned(angle):
@@ -76,10 +86,13 @@ def test_the_end_of_a_cylinder_is_an_area_and_its_side_a_line():
     assert np.allclose(np.abs(side[:, 0]), 0.015, atol=4e-4) and np.abs(side[:, 1]).max() < 1.2e-3
 
 
-def test_faces_that_do_not_meet_leave_the_point():
-    apart = np.eye(3), np.array([0.08, 0.0, 0.01])
-    found = corners_of(coal.Box(0.04, 0.04, 0.004), below(0.004), coal.Box(0.04, 0.04, 0.02), apart)
-    assert found.shape == (1, 3) and np.allclose(found, 0.0)
+def test_edges_that_cross_leave_the_point():
+    c = np.sqrt(0.5)
+    along_x, along_y = np.array([[1, 0, 0], [0, c, -c], [0, c, c]]), np.array([[c, 0, c], [0, 1, 0], [-c, 0, c]])
+    half = 0.02 * np.sqrt(2)
+    cube = coal.Box(0.04, 0.04, 0.04)
+    found, _, point = areas_of(cube, (along_x, np.array([0, 0, -half])), cube, (along_y, np.array([0, 0, half])))
+    assert found.shape == (1, 3) and np.abs(found).max() < 4e-4 and np.abs(point).max() < 1e-6
 
 
 def test_a_tilt_beyond_what_pressing_closes_leaves_an_edge():
@@ -91,24 +104,14 @@ def test_a_tilt_beyond_what_pressing_closes_leaves_an_edge():
 def test_faces_that_lean_a_little_are_apart_by_what_they_lean():
     angle = 0.006
     tilt = np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
-    found = corners_of(coal.Box(0.04, 0.04, 0.004), (tilt, -tilt @ [0, 0.02, 0.002]), coal.Box(0.1, 0.1, 0.02), above())
+    found, leaning, _ = areas_of(
+        coal.Box(0.04, 0.04, 0.004), (tilt, -tilt @ [0, 0.02, 0.002]), coal.Box(0.1, 0.1, 0.02), above()
+    )
     assert len(found) == 4
     far = found[:, 1] < -0.03
-    assert far.sum() == 2 and np.allclose(corners_of.leaning[far], 0.04 * angle, rtol=0.05)
-    assert np.allclose(corners_of.leaning[~far], 0.0, atol=1e-6)
+    assert far.sum() == 2 and np.allclose(leaning[far], 0.04 * angle, rtol=0.05)
+    assert np.allclose(leaning[~far], 0.0, atol=1e-6)
 
 
-def test_unknown_shapes_have_none():
-    assert support_shape(coal.Cone(0.01, 0.02)) is None
-
-
-def test_supports_are_farthest_along_their_direction():
-    """Against coal: the farthest point is where a plane across the direction touches."""
-    rng = np.random.default_rng(7)
-    for shape in (coal.Sphere(0.02), coal.Ellipsoid(0.01, 0.02, 0.03), coal.Cylinder(0.01, 0.05), coal.Box(1, 2, 3)):
-        directions = rng.normal(size=(20, 3))
-        directions /= np.linalg.norm(directions, axis=1)[:, None]
-        for along, point in zip(directions, support_shape(shape).support(directions)):
-            plane, pose = coal.Halfspace(-along, -10.0), coal.Transform3s()
-            gap = coal.distance(shape, pose, plane, pose, coal.DistanceRequest(), coal.DistanceResult())
-            assert 10.0 - gap == pytest.approx(along @ point, abs=1e-9)
+def test_unknown_shapes_have_no_points():
+    assert support_shape(coal.Cone(0.01, 0.02)).points.size == 0

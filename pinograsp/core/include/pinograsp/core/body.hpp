@@ -1,0 +1,149 @@
+// Shapes of many convex pieces, as the triangles of a surface, in a tree of boxes.
+#pragma once
+
+#include <algorithm>
+#include <utility>
+
+#include "overlap.hpp"
+
+namespace pinograsp::core {
+inline namespace PINOGRASP_CORE_LEVEL {
+
+// Along the axes of a shape's own frame.
+struct Bounds {
+    Triple low{}, high{};
+
+    Bounds() = default;
+    explicit Bounds(const Solid& solid) {
+        for (int i = 0; i < 3; ++i) {
+            Triple axis{};
+            axis[i] = 1.0;
+            high[i] = solid.farthest(axis)[i];
+            low[i] = solid.farthest(-1.0 * axis)[i];
+        }
+    }
+    void add(const Bounds& other) {
+        for (int i = 0; i < 3; ++i) low[i] = std::min(low[i], other.low[i]), high[i] = std::max(high[i], other.high[i]);
+    }
+    Triple middle() const { return 0.5 * (low + high); }
+    Triple half() const { return 0.5 * (high - low); }
+    double radius() const { return length(half()); }
+    // Distance of a point, squared.
+    double squared(const Triple& point) const {
+        double found = 0.0;
+        for (int i = 0; i < 3; ++i) {
+            const double off = std::max(std::max(low[i] - point[i], point[i] - high[i]), 0.0);
+            found += off * off;
+        }
+        return found;
+    }
+    // How far it reaches along a direction.
+    double reach(const Triple& along) const {
+        double found = 0.0;
+        for (int i = 0; i < 3; ++i) found += along[i] * (along[i] > 0.0 ? high[i] : low[i]);
+        return found;
+    }
+};
+
+// How far two boxes are apart at least, as far as the balls around them tell; `there`: of the second, seen from the
+// first.
+inline double room_between(const Bounds& one, const Bounds& other, const Frame& there) {
+    const double first = std::sqrt(other.squared(there.act_back(one.middle()))) - one.radius();
+    return std::max(first, std::sqrt(one.squared(there.act(other.middle()))) - other.radius());
+}
+
+class Body {
+public:
+    struct Node {
+        Bounds bounds;
+        int left, right;  // nodes; of a leaf the first is -1, and the other its piece
+    };
+
+    Body() = default;
+    explicit Body(Solid solid) : Body(std::vector<Solid>{std::move(solid)}) {}
+    explicit Body(std::vector<Solid> pieces) : pieces_(std::move(pieces)) {
+        std::vector<std::pair<int, Bounds>> all;
+        for (const Solid& piece : pieces_) all.push_back({static_cast<int>(all.size()), Bounds(piece)});
+        nodes_.reserve(2 * all.size());
+        if (!all.empty()) split(all, 0, all.size());
+    }
+
+    bool empty() const { return pieces_.empty(); }
+    bool whole() const { return pieces_.size() == 1; }
+    const Node& node(int i) const { return nodes_[i]; }
+    const Bounds& bounds() const { return nodes_[0].bounds; }
+    const Solid& piece(int i) const { return pieces_[i]; }
+
+private:
+    int split(std::vector<std::pair<int, Bounds>>& all, std::size_t start, std::size_t stop) {
+        Bounds bounds = all[start].second;
+        for (std::size_t i = start + 1; i < stop; ++i) bounds.add(all[i].second);
+        const int own = static_cast<int>(nodes_.size());
+        nodes_.push_back({bounds, -1, all[start].first});
+        if (stop - start == 1) return own;
+        const Triple half = bounds.half();
+        const std::size_t axis = std::max_element(half.begin(), half.end()) - half.begin(), middle = (start + stop) / 2;
+        std::nth_element(all.begin() + start, all.begin() + middle, all.begin() + stop,
+                         [axis](const auto& a, const auto& b) {
+                             const double x = a.second.middle()[axis], y = b.second.middle()[axis];
+                             return x < y || (x == y && a.first < b.first);
+                         });
+        const int left = split(all, start, middle), right = split(all, middle, stop);
+        nodes_[own].left = left, nodes_[own].right = right;
+        return own;
+    }
+
+    std::vector<Solid> pieces_;
+    std::vector<Node> nodes_;
+};
+
+// The gap between two bodies: of the pieces that are nearest, or overlap most.
+class Nearest {
+public:
+    // `there`: of the second body, seen from the first, as what is found. `normal`: about where to from the first. Of
+    // what is wider than `beyond` no more is told, and where `deep` is false, of overlaps no more than that.
+    Nearest(const Body& one, const Body& other, const Frame& there, const Triple& normal, double beyond,
+            bool deep = true)
+        : one_(one), other_(other), there_(there), deep_(deep) {
+        gap.normal = normal;
+        widest_ = beyond;
+        if (!one.empty() && !other.empty()) look(0, 0);
+    }
+
+    Separation gap{std::numeric_limits<double>::infinity(), {}};
+
+private:
+    // How far two nodes are apart at least: by the balls around their boxes, and across the direction known so far.
+    double room(const Bounds& a, const Bounds& b) const {
+        const Triple& along = gap.normal;
+        const double parted = dot(along, there_.t) - b.reach(there_.turn_back(-1.0 * along)) - a.reach(along);
+        return parted >= widest_ ? parted : std::max(parted, room_between(a, b, there_));
+    }
+
+    void look(int i, int j) {
+        const Body::Node &a = one_.node(i), &b = other_.node(j);
+        if (a.left < 0 && b.left < 0) {
+            const Separation found =
+                measure({one_.piece(a.right), other_.piece(b.right), there_}, gap.normal, widest_, deep_);
+            if (found.distance <= widest_) gap = found, widest_ = found.distance - alike;
+            return;
+        }
+        const bool first = b.left < 0 || (a.left >= 0 && a.bounds.radius() > b.bounds.radius());
+        const int ways[2][2] = {{first ? a.left : i, first ? j : b.left}, {first ? a.right : i, first ? j : b.right}};
+        double rooms[2];
+        for (int k = 0; k < 2; ++k) rooms[k] = room(one_.node(ways[k][0]).bounds, other_.node(ways[k][1]).bounds);
+        const int nearer = rooms[1] < rooms[0];
+        for (int k : {nearer, 1 - nearer})
+            if (rooms[k] <= widest_) look(ways[k][0], ways[k][1]);
+    }
+
+    static constexpr double alike = 1e-12;  // [m] of neighbours, which share what is nearest, one is enough
+
+    const Body &one_, &other_;
+    Frame there_;
+    double widest_;
+    bool deep_;
+};
+
+}  // namespace PINOGRASP_CORE_LEVEL
+}  // namespace pinograsp::core

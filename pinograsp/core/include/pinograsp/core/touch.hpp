@@ -1,0 +1,315 @@
+// Where a hand touches an object at many postures.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "approach.hpp"
+#include "area.hpp"
+#include "body.hpp"
+
+namespace pinograsp::core {
+inline namespace PINOGRASP_CORE_LEVEL {
+
+// A part of a hand.
+struct PartOfHand {
+    int joint;  // -1: fixed in the world
+    Frame frame;
+    int link;
+    Body hull, surface;  // without the second it is convex
+
+    const Body& shape() const { return surface.empty() ? hull : surface; }
+};
+
+// What a joint carries: its mass [kg], and that times its centre in the joint's frame.
+struct Load {
+    double mass;
+    Triple moment;
+};
+
+// A hand and an object.
+struct TouchScene {
+    int inputs = 0;
+    std::vector<Joint> joints;  // parents first
+    std::vector<Load> loads;    // of the joints
+    std::vector<PartOfHand> parts;
+    std::vector<std::array<int, 2>> pairs;  // of parts that may hit each other
+    std::vector<Body> solids;               // convex each, together about the object
+    Body surface;                           // the object's own, where that is not the one solid
+    Frame root, object;                     // the hand as the first joints' frames have it; the object's shape
+};
+
+// Of `grasps` postures, and of the touches that are found, one after the other; as in pinograsp.contacts.bulk.
+struct Touches {
+    std::size_t grasps = 0;
+    std::vector<std::int64_t> grasp, part, counts, collision, failed;
+    std::vector<double> gap, points, normals, corners, leaning, jacobians, depth, gravity;
+};
+
+struct TouchOptions {
+    double tolerance, lean;  // [m], [rad]
+    Triple gravity;
+};
+
+// Finds touches, with memory of its own.
+class Toucher {
+public:
+    explicit Toucher(const TouchScene& scene)
+        : scene_(scene), joints_(scene.joints.size()), parts_(scene.parts.size()), best_(scene.parts.size()) {
+        for (std::size_t i = 0; i < scene.solids.size(); ++i)
+            if (i == 0)
+                around_ = scene.solids[i].bounds();
+            else
+                around_.add(scene.solids[i].bounds());
+    }
+
+    // At the posture q, the hand's root at `root`.
+    void touch(const double* q, const Frame& root, const TouchOptions& options, Touches& found) {
+        put(q, root);
+        const std::int64_t grasp = static_cast<std::int64_t>(found.grasps++);
+        double depth = 0.0;
+        bool failed = false;
+        find_near(options.tolerance);
+        for (Candidate& best : best_) {
+            if (best.part < 0) continue;
+            WayOut way = measure_touch(best);
+            failed = failed || !way.found;
+            if (!way.found || !(way.gap <= options.tolerance)) continue;
+            if (way.gap < -options.tolerance)
+                depth = std::max(depth, -way.gap);
+            else
+                note(grasp, best, way, options.lean, found);
+        }
+        found.depth.push_back(depth);
+        found.failed.push_back(failed);
+        found.collision.push_back(find_collision());
+        bear(options.gravity, found.gravity);
+    }
+
+    // Distance of some parts of the hand from the object, up to `reach`: of convex hulls, from below.
+    double gap(const double* q, const Frame& root, const std::vector<int>& parts, double reach) {
+        put(q, root);
+        near_.clear();
+        for (int part : parts) list_near(part, reach);
+        std::sort(near_.begin(), near_.end());
+        for (const Near& near : near_) {
+            if (near.room >= reach) break;
+            reach = std::min(reach, look(near, reach).distance);
+        }
+        return reach;
+    }
+
+    // Where the parts are in the world at a posture (p), the hand's root at `root`.
+    void place(const double* q, const Frame& root, std::vector<Frame>& placed) {
+        put(q, root);
+        for (const Frame& part : parts_) placed.push_back(back_ * part);
+    }
+
+private:
+    static constexpr double off = 1e-3;    // [m] how far the object is moved off: directions keep their digits
+    static constexpr int rounds = 12;      // of finding the direction,
+    static constexpr double alike = 1e-3;  // and where it has settled [rad]
+
+    struct Near {
+        double room;  // [m] they are at least so far apart
+        int part, solid;
+        bool operator<(const Near& other) const {
+            return room != other.room   ? room < other.room
+                   : part != other.part ? part < other.part
+                                        : solid < other.solid;
+        }
+    };
+    struct Candidate {
+        int part = -1, solid = -1;
+        Separation gap{};  // in the part's frame
+    };
+    struct WayOut {
+        bool found = false;
+        double gap = 0.0;
+        Triple point{}, normal{};
+    };
+
+    const Frame& joint_at(int joint) const { return joint < 0 ? still_ : joints_[joint]; }
+
+    // The hand stays where it is, and the object is seen from there.
+    void put(const double* q, const Frame& root) {
+        back_ = root * scene_.root.inverse();
+        object_ = back_.inverse() * scene_.object;
+        for (std::size_t j = 0; j < joints_.size(); ++j) {
+            const Joint& joint = scene_.joints[j];
+            const Frame own = joint.at(q[joint.input]);
+            joints_[j] = joint.parent < 0 ? own : joints_[joint.parent] * own;
+        }
+        for (std::size_t i = 0; i < parts_.size(); ++i)
+            parts_[i] = joint_at(scene_.parts[i].joint) * scene_.parts[i].frame;
+    }
+
+    // Pairs of a part and the object's solids whose bounding volumes are nearer than that.
+    void list_near(int part, double reach) {
+        const Frame there = parts_[part].inverse() * object_;
+        const Bounds& own = scene_.parts[part].hull.bounds();
+        if (room_between(own, around_, there) > reach) return;
+        for (std::size_t s = 0; s < scene_.solids.size(); ++s)
+            if (const double room = room_between(own, scene_.solids[s].bounds(), there); room <= reach)
+                near_.push_back({room, part, static_cast<int>(s)});
+    }
+
+    // The gap of a pair, as seen from the part.
+    Separation look(const Near& near, double beyond) const {
+        const Frame there = parts_[near.part].inverse() * object_;
+        const Body &hull = scene_.parts[near.part].hull, &solid = scene_.solids[near.solid];
+        Triple along = there.act(solid.bounds().middle()) - hull.bounds().middle();
+        const double size = length(along);
+        along = size > 0.0 ? (1.0 / size) * along : Triple{1.0, 0.0, 0.0};
+        return Nearest(hull, solid, there, along, beyond).gap;
+    }
+
+    // The nearest part of each link, where it is within the tolerance.
+    void find_near(double tolerance) {
+        near_.clear();
+        for (std::size_t i = 0; i < parts_.size(); ++i) list_near(static_cast<int>(i), tolerance);
+        std::sort(near_.begin(), near_.end());
+        std::fill(best_.begin(), best_.end(), Candidate{});
+        for (const Near& near : near_) {
+            Candidate& best = best_[scene_.parts[near.part].link];
+            const double beyond = best.part < 0 ? tolerance : best.gap.distance;
+            if (near.room > beyond) continue;
+            if (const Separation gap = look(near, beyond); gap.distance <= beyond)
+                best = Candidate{near.part, near.solid, gap};
+        }
+    }
+
+    // Separation, the point on the object's surface, and the inward normal: its own, not its parts'.
+    WayOut measure_touch(const Candidate& best) const {
+        const PartOfHand& part = scene_.parts[best.part];
+        const Separation& gap = best.gap;
+        const Frame& at = parts_[best.part];
+        const Triple normal = at.turn(gap.normal);
+        if (gap.apart > off / 10.0 && scene_.surface.empty() && part.surface.empty())
+            return {true, gap.distance, at.act(gap.other), normal};
+        // Inside, the object is moved off until it is clear, along the normal of its convex part, or, where that leads
+        // along a wall, in the direction that is shortest.
+        WayOut found = leave(part, at, normal, off - gap.distance);
+        if (found.found) return found;
+        for (int i = 0; i < 12; ++i) {  // to the corners of an icosahedron
+            const double one = (i & 1 ? -1.0 : 1.0) / 1.902113, other = (i & 2 ? -1.618034 : 1.618034) / 1.902113;
+            Triple start{};
+            start[(i / 4 + 1) % 3] = one, start[(i / 4 + 2) % 3] = other;
+            const WayOut way = leave(part, at, start, off - gap.distance);
+            if (way.found && !(found.found && found.gap >= way.gap)) found = way;
+        }
+        return found;
+    }
+
+    // Along the common normal to which that one leads, the object moved `far` at first. Where it is clear of the part,
+    // their nearest points tell the next normal.
+    WayOut leave(const PartOfHand& part, const Frame& at, Triple normal, double far) const {
+        const Body& other = scene_.surface.empty() ? scene_.solids[0] : scene_.surface;
+        WayOut found;
+        for (int i = 0; i < rounds; ++i) {
+            Frame moved = object_;
+            moved.t = moved.t + far * normal;
+            const Separation gap = Nearest(part.shape(), other, at.inverse() * moved, at.turn_back(normal),
+                                           std::numeric_limits<double>::max())
+                                       .gap;
+            if (!(std::fabs(gap.distance) < std::numeric_limits<double>::max())) return {};
+            if (gap.distance < off / 10.0) {  // deeper than thought
+                far += off + std::max(-gap.distance, 0.0);
+                continue;
+            }
+            const Triple direction = at.turn(gap.normal), surface = at.act(gap.other) - far * normal;
+            found = {true, dot(surface - at.act(gap.mine), direction), surface, direction};
+            if (dot(direction, normal) > 1.0 - alike * alike / 2.0) break;
+            far = std::max(far - gap.distance + off, off);
+            normal = direction;
+        }
+        return found;
+    }
+
+    void note(std::int64_t grasp, const Candidate& best, const WayOut& way, double lean, Touches& found) const {
+        const auto write = [](std::vector<double>& to, const Triple& one) {
+            to.insert(to.end(), one.begin(), one.end());
+        };
+        const PartOfHand& part = scene_.parts[best.part];
+        found.grasp.push_back(grasp);
+        found.part.push_back(best.part);
+        found.gap.push_back(way.gap);
+        write(found.points, back_.act(way.point));
+        write(found.normals, back_.turn(way.normal));
+        const Area area = CommonArea(part.hull.whole() ? &part.hull.piece(0) : nullptr, parts_[best.part],
+                                     scene_.solids[best.solid].whole() ? &scene_.solids[best.solid].piece(0) : nullptr,
+                                     object_, way.point, way.normal, lean)
+                              .find();
+        found.counts.push_back(area.count);
+        for (const Triple& corner : area.corners) write(found.corners, back_.act(corner));
+        found.leaning.insert(found.leaning.end(), area.leaning.begin(), area.leaning.end());
+        // Of the touching point of the link, linear part first.
+        const std::size_t n = scene_.inputs, start = found.jacobians.size();
+        found.jacobians.resize(start + 6 * n, 0.0);
+        double* rows = found.jacobians.data() + start;
+        for (int j = part.joint; j >= 0; j = scene_.joints[j].parent) {
+            const Joint& joint = scene_.joints[j];
+            const Triple turning = joints_[j].turn(joint.angular);
+            const Triple moving = back_.turn(joints_[j].turn(joint.linear) + cross(turning, way.point - joints_[j].t));
+            const Triple turned = back_.turn(turning);
+            for (int x = 0; x < 3; ++x) {
+                rows[x * n + joint.input] += moving[x];
+                rows[(3 + x) * n + joint.input] += turned[x];
+            }
+        }
+    }
+
+    // The first pair of the hand's own parts that overlap, -1: none.
+    std::int64_t find_collision() const {
+        for (std::size_t k = 0; k < scene_.pairs.size(); ++k) {
+            const auto [i, j] = scene_.pairs[k];
+            const Body &one = scene_.parts[i].shape(), &other = scene_.parts[j].shape();
+            const Triple apart = parts_[j].act(other.bounds().middle()) - parts_[i].act(one.bounds().middle());
+            const double most = one.bounds().radius() + other.bounds().radius(), size = length(apart);
+            if (!(size <= most)) continue;
+            const Frame there = parts_[i].inverse() * parts_[j];
+            if (room_between(one.bounds(), other.bounds(), there) > 0.0) continue;
+            const Triple along = size > 0.0 ? parts_[i].turn_back((1.0 / size) * apart) : Triple{1.0, 0.0, 0.0};
+            if (Nearest(one, other, there, along, 0.0, false).gap.distance <= 0.0) return static_cast<std::int64_t>(k);
+        }
+        return -1;
+    }
+
+    // What holds the hand's own weight at the inputs.
+    void bear(const Triple& gravity, std::vector<double>& torques) {
+        const std::size_t start = torques.size();
+        torques.resize(start + scene_.inputs, 0.0);
+        const Triple down = back_.turn_back(gravity);
+        carried_.assign(joints_.size(), {});
+        for (std::size_t j = joints_.size(); j-- > 0;) {
+            const Joint& joint = scene_.joints[j];
+            Load& own = carried_[j];
+            const Load& load = scene_.loads[j];
+            own.mass += load.mass;
+            own.moment = own.moment + load.mass * joints_[j].t + joints_[j].turn(load.moment);
+            const Triple force = own.mass * down, torque = cross(own.moment - own.mass * joints_[j].t, down);
+            torques[start + joint.input] -= dot(joints_[j].turn(joint.linear), force);
+            torques[start + joint.input] -= dot(joints_[j].turn(joint.angular), torque);
+            if (joint.parent < 0) continue;
+            Load& parent = carried_[joint.parent];
+            parent.mass += own.mass;
+            parent.moment = parent.moment + own.moment;
+        }
+    }
+
+    const TouchScene& scene_;
+    Frame back_, object_, still_;  // from the hand as it stays to the world; the object there
+    Bounds around_;
+    std::vector<Frame> joints_, parts_;
+    std::vector<Near> near_;
+    std::vector<Candidate> best_;  // of each link
+    std::vector<Load> carried_;
+};
+
+}  // namespace PINOGRASP_CORE_LEVEL
+}  // namespace pinograsp::core
