@@ -4,7 +4,8 @@
 with the sanitizers of addresses and undefined behaviour. It stops where a number that was read or written lies outside
 of its array, where memory is taken while problems are solved, and where what is called solved is not: a balance that
 does not hold, friction or limits that are exceeded, bounds above objectives, two methods that contradict each other.
-Every run has new inputs.
+``touches.cpp``: random and hostile solids, hands and objects, likewise; whether planes part what is apart, and no way out
+is shorter than the one that is found. Every run has new inputs.
 """
 
 import secrets
@@ -35,6 +36,7 @@ def test_the_core_by_ctest(tmp_path, often):
     print(told)
     assert "all checks hold" in told
     assert f" {count} inputs in " in told, f"hostile {seed} {count}"
+    assert f"touches of {count} inputs hold" in told, f"touches {seed} {count}"
     # Not so hostile that nothing converges.
     lines = [line for line in told.splitlines() if " converged " in line]
     assert len(lines) >= 5 and not any(" converged 0," in line for line in lines)

@@ -61,7 +61,10 @@ public:
 
     Body() = default;
     explicit Body(Solid solid) : Body(std::vector<Solid>{std::move(solid)}) {}
+    // Those that have points.
     explicit Body(std::vector<Solid> pieces) : pieces_(std::move(pieces)) {
+        pieces_.erase(std::remove_if(pieces_.begin(), pieces_.end(), [](const Solid& one) { return one.empty(); }),
+                      pieces_.end());
         std::vector<std::pair<int, Bounds>> all;
         for (const Solid& piece : pieces_) all.push_back({static_cast<int>(all.size()), Bounds(piece)});
         nodes_.reserve(2 * all.size());
@@ -85,8 +88,11 @@ private:
         const std::size_t axis = std::max_element(half.begin(), half.end()) - half.begin(), middle = (start + stop) / 2;
         std::nth_element(all.begin() + start, all.begin() + middle, all.begin() + stop,
                          [axis](const auto& a, const auto& b) {
+                             // Numbers that are none have no order.
                              const double x = a.second.middle()[axis], y = b.second.middle()[axis];
-                             return x < y || (x == y && a.first < b.first);
+                             const bool left = std::isfinite(x), right = std::isfinite(y);
+                             if (left && right && x != y) return x < y;
+                             return left != right ? left : a.first < b.first;
                          });
         const int left = split(all, start, middle), right = split(all, middle, stop);
         nodes_[own].left = left, nodes_[own].right = right;
@@ -125,7 +131,9 @@ private:
         if (a.left < 0 && b.left < 0) {
             const Separation found =
                 measure({one_.piece(a.right), other_.piece(b.right), there_}, gap.normal, widest_, deep_);
-            if (found.distance <= widest_) gap = found, widest_ = found.distance - alike;
+            if (!(found.distance <= widest_)) return;
+            gap = found;
+            widest_ = gap.distance > 0.0 ? gap.distance - alike : -std::numeric_limits<double>::infinity();
             return;
         }
         const bool first = b.left < 0 || (a.left >= 0 && a.bounds.radius() > b.bounds.radius());

@@ -109,38 +109,46 @@ private:
 
     // Takes a point in that lies beyond a face; false where it is too near to make new faces.
     bool take(const Triple& w, int beyond) {
-        std::array<std::array<int, 2>, 3 * most_faces> edges;
-        int rim = 0, kept = 0;
-        const int before = faces_;
-        for (int i = 0; i < before; ++i) {
-            const Face face = face_[i];
-            if (i != beyond && !(dot(face.normal, w) > face.distance)) {
-                face_[kept++] = face;
-                continue;
-            }
-            for (int e = 0; e < 3; ++e) {
-                const int from = face.at[e], to = face.at[(e + 1) % 3];
-                int same = 0;
-                while (same < rim && !(edges[same][0] == to && edges[same][1] == from)) ++same;
-                if (same < rim)
-                    edges[same] = edges[--rim];
-                else
-                    edges[rim++] = {from, to};
-            }
+        constexpr double level = 1e-11;  // [m] what is in one plane with the point goes with what it sees
+        rim_ = 0;
+        remove(beyond);
+        for (bool more = true; more;) {
+            more = false;
+            for (int i = faces_; i-- > 0;)
+                if (dot(face_[i].normal, w) > face_[i].distance - level && borders(face_[i])) remove(i), more = true;
         }
-        faces_ = kept;
         const int own = count_;
         corners_[count_++] = w;
-        for (int e = 0; e < rim; ++e)
-            if (!add_face(edges[e][0], edges[e][1], own)) return false;
+        for (int e = 0; e < rim_; ++e)
+            if (!add_face(edges_[e][0], edges_[e][1], own)) return false;
         return true;
+    }
+
+    // Where an edge of a face is on the rim of those that were removed, the other way round; -1: nowhere.
+    int find_edge(const Face& face, int e) const {
+        for (int i = 0; i < rim_; ++i)
+            if (edges_[i][0] == face.at[(e + 1) % 3] && edges_[i][1] == face.at[e]) return i;
+        return -1;
+    }
+    bool borders(const Face& face) const {
+        return find_edge(face, 0) >= 0 || find_edge(face, 1) >= 0 || find_edge(face, 2) >= 0;
+    }
+    void remove(int which) {
+        const Face face = face_[which];
+        face_[which] = face_[--faces_];
+        for (int e = 0; e < 3; ++e)
+            if (const int i = find_edge(face, e); i >= 0)
+                edges_[i] = edges_[--rim_];
+            else
+                edges_[rim_++] = {face.at[e], face.at[(e + 1) % 3]};
     }
 
     const Couple& couple_;
     Triple flat_{1.0, 0.0, 0.0};
     std::array<Triple, most_corners> corners_;
     std::array<Face, most_faces> face_;
-    int count_ = 0, faces_ = 0;
+    std::array<std::array<int, 2>, 3 * most_faces> edges_;  // of the hole that faces left
+    int count_ = 0, faces_ = 0, rim_ = 0;
 };
 
 // The gap between two solids, found along a unit vector at first, as seen from the first; what is wider than `beyond`
@@ -150,10 +158,10 @@ inline Separation measure(const Couple& couple, const Triple& along, double beyo
     const Parting plane = part(couple, along, closely, beyond);
     if (plane.distance > beyond) return {plane.distance, plane.normal};
     if (!(plane.size > touching)) return deep ? Polytope(couple, plane.simplex).grow() : Separation{0.0, plane.normal};
-    const Triple normal = (-1.0 / plane.size) * plane.nearest.point;
-    const Triple mine = plane.nearest.own + couple.one.round() * normal;
-    const double distance = plane.size - couple.round();
-    return {distance, normal, mine, mine + distance * normal, plane.size};
+    // The direction between points that are nearly nearest has half of their digits, that of the plane all.
+    const Triple &normal = plane.normal, &mine = plane.nearest.own;
+    return {plane.distance, normal, mine + couple.one.round() * normal,
+            mine - plane.nearest.point - couple.other.round() * normal, plane.size};
 }
 
 }  // namespace PINOGRASP_CORE_LEVEL

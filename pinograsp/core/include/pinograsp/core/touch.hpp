@@ -113,7 +113,7 @@ public:
 private:
     static constexpr double off = 1e-3;    // [m] how far the object is moved off: directions keep their digits
     static constexpr int rounds = 12;      // of finding the direction,
-    static constexpr double alike = 1e-3;  // and where it has settled [rad]
+    static constexpr double alike = 1e-4;  // and where it has settled [rad]
 
     struct Near {
         double room;  // [m] they are at least so far apart
@@ -129,7 +129,7 @@ private:
         Separation gap{};  // in the part's frame
     };
     struct WayOut {
-        bool found = false;
+        bool found = false, settled = false;
         double gap = 0.0;
         Triple point{}, normal{};
     };
@@ -152,6 +152,7 @@ private:
     // Pairs of a part and the object's solids whose bounding volumes are nearer than that.
     void list_near(int part, double reach) {
         const Frame there = parts_[part].inverse() * object_;
+        if (scene_.parts[part].hull.empty()) return;
         const Bounds& own = scene_.parts[part].hull.bounds();
         if (room_between(own, around_, there) > reach) return;
         for (std::size_t s = 0; s < scene_.solids.size(); ++s)
@@ -191,27 +192,32 @@ private:
         const Frame& at = parts_[best.part];
         const Triple normal = at.turn(gap.normal);
         if (gap.apart > off / 10.0 && scene_.surface.empty() && part.surface.empty())
-            return {true, gap.distance, at.act(gap.other), normal};
+            return {true, true, gap.distance, at.act(gap.other), normal};
         // Inside, the object is moved off until it is clear, along the normal of its convex part, or, where that leads
         // along a wall, in the direction that is shortest.
-        WayOut found = leave(part, at, normal, off - gap.distance);
-        if (found.found) return found;
+        const double far = off - gap.distance;
+        constexpr double most = std::numeric_limits<double>::max();
+        WayOut found = leave(part, at, normal, far, most);
+        if (found.found && found.gap > -2.0 * far && (found.settled || found.gap < gap.distance + 3.0 * off))
+            return found;
         for (int i = 0; i < 12; ++i) {  // to the corners of an icosahedron
             const double one = (i & 1 ? -1.0 : 1.0) / 1.902113, other = (i & 2 ? -1.618034 : 1.618034) / 1.902113;
             Triple start{};
             start[(i / 4 + 1) % 3] = one, start[(i / 4 + 2) % 3] = other;
-            const WayOut way = leave(part, at, start, off - gap.distance);
-            if (way.found && !(found.found && found.gap >= way.gap)) found = way;
+            const WayOut way = leave(part, at, start, far, found.settled ? 2.0 * off - found.gap : most);
+            if (way.found &&
+                (way.settled > found.settled || !found.found || (way.settled == found.settled && way.gap > found.gap)))
+                found = way;
         }
         return found;
     }
 
     // Along the common normal to which that one leads, the object moved `far` at first. Where it is clear of the part,
-    // their nearest points tell the next normal.
-    WayOut leave(const PartOfHand& part, const Frame& at, Triple normal, double far) const {
+    // their nearest points tell the next normal. Not farther than `most` [m].
+    WayOut leave(const PartOfHand& part, const Frame& at, Triple normal, double far, double most) const {
         const Body& other = scene_.surface.empty() ? scene_.solids[0] : scene_.surface;
         WayOut found;
-        for (int i = 0; i < rounds; ++i) {
+        for (int i = 0; i < rounds && far <= most; ++i) {
             Frame moved = object_;
             moved.t = moved.t + far * normal;
             const Separation gap = Nearest(part.shape(), other, at.inverse() * moved, at.turn_back(normal),
@@ -223,8 +229,9 @@ private:
                 continue;
             }
             const Triple direction = at.turn(gap.normal), surface = at.act(gap.other) - far * normal;
-            found = {true, dot(surface - at.act(gap.mine), direction), surface, direction};
-            if (dot(direction, normal) > 1.0 - alike * alike / 2.0) break;
+            const bool settled = dot(direction, normal) > 1.0 - alike * alike / 2.0;
+            found = {true, settled, dot(surface - at.act(gap.mine), direction), surface, direction};
+            if (settled) break;
             far = std::max(far - gap.distance + off, off);
             normal = direction;
         }
@@ -269,6 +276,7 @@ private:
         for (std::size_t k = 0; k < scene_.pairs.size(); ++k) {
             const auto [i, j] = scene_.pairs[k];
             const Body &one = scene_.parts[i].shape(), &other = scene_.parts[j].shape();
+            if (one.empty() || other.empty()) continue;
             const Triple apart = parts_[j].act(other.bounds().middle()) - parts_[i].act(one.bounds().middle());
             const double most = one.bounds().radius() + other.bounds().radius(), size = length(apart);
             if (!(size <= most)) continue;

@@ -1,0 +1,148 @@
+// Random and hostile solids, hands and objects: a plane parts what is apart, no way out is shorter than the one that is
+// found, and whatever the numbers are, nothing is read or written outside of its array. Usage: touches seed count.
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
+#include <random>
+#include <vector>
+
+#include "pinograsp/core.hpp"
+
+using namespace pinograsp::core;
+
+namespace {
+
+unsigned long long input = 0;
+std::mt19937_64 random_bits;
+
+[[noreturn]] void fail(const char* what, double own, double other) {
+    std::fprintf(stderr, "touches: input %llu, %s: %.17g, %.17g\n", input, what, own, other);
+    std::abort();
+}
+
+int below(int count) { return static_cast<int>(random_bits() % static_cast<unsigned>(count)); }
+double spread(double size) { return size * (2.0 * std::ldexp(static_cast<double>(random_bits() >> 11), -53) - 1.0); }
+
+// One in so many numbers is one that nobody expects; 0: none.
+double number(double size, int hostile) {
+    constexpr double none = std::numeric_limits<double>::quiet_NaN(), inf = std::numeric_limits<double>::infinity();
+    constexpr double values[] = {none, inf, -inf, 0.0, 1e300, -1e300, 1e-300, 5e-324, 1e12, -1e-12};
+    return hostile > 0 && below(hostile) == 0 ? values[below(10)] : spread(size);
+}
+Triple triple(double size, int hostile) {
+    return {number(size, hostile), number(size, hostile), number(size, hostile)};
+}
+Frame frame(double size, int hostile) {
+    Frame found = below(4) == 0 ? Frame{} : rotate_by(triple(3.0, hostile));
+    if (below(8) > 0) found.t = triple(size, hostile);
+    return found;
+}
+
+// Few points, which may be the same, or lie on a line or in a plane, and what is about them.
+Solid solid(int hostile, int least) {
+    std::vector<Triple> points;
+    const int flat = below(6), count = least + below(below(3) == 0 ? 40 : 9);
+    for (int i = 0; i < count; ++i) {
+        Triple point = triple(0.05, hostile);
+        for (int x = 0; x < 3; ++x)
+            if (flat > 2 && x >= flat - 2) point[x] = 0.0;
+        if (below(4) == 0)
+            for (double& x : point) x = std::copysign(0.02, x);
+        points.push_back(point);
+    }
+    const double radius = below(2) == 0 ? 0.0 : std::fabs(number(0.03, hostile));
+    Triple radii{radius, radius, radius};
+    if (below(3) == 0) radii[2] = 0.0;
+    if (below(3) == 0) radii[1] = std::fabs(number(0.03, hostile));
+    return Solid(points, radii);
+}
+
+// How far the second solid must go along a direction to leave the first.
+double way_out(const Couple& couple, const Triple& along) {
+    return dot(couple.farthest(along).point, along) + couple.round();
+}
+
+void check_pair() {
+    const Solid one = solid(0, 1), other = solid(0, 1);
+    const Couple couple{one, other, frame(below(2) == 0 ? 0.02 : 0.2, 0)};
+    const Separation found = measure(couple, towards(couple), std::numeric_limits<double>::max());
+    const double size = length(found.normal);
+    if (!(std::fabs(size - 1.0) < 1e-12)) fail("the normal's length", size, 1.0);
+    const double out = way_out(couple, found.normal);
+    if (std::fabs(out + found.distance) > 2e-8) fail("no plane is so far from both", -out, found.distance);
+    if (found.apart > 0.0) {
+        const Triple off = found.other - found.mine - found.distance * found.normal;
+        if (!(length(off) < 1e-5)) fail("points that are not so far apart", length(off), found.distance);
+        return;
+    }
+    for (int i = 0; i < 50; ++i) {
+        Triple along = i < 6 ? Triple{} : triple(1.0, 0);
+        if (i < 6) along[i / 2] = i & 1 ? 1.0 : -1.0;
+        const double other_way = way_out(couple, (1.0 / length(along)) * along);
+        if (other_way < -found.distance - 1e-6 - 1e-5 * other_way) fail("a shorter way out", other_way, -found.distance);
+    }
+    const Separation rough = measure(couple, towards(couple), 0.0, false);
+    if (!(rough.distance <= 0.0)) fail("an overlap that is none", rough.distance, found.distance);
+}
+
+void check_scene() {
+    const int hostile = below(2) == 0 ? 0 : 20;
+    TouchScene scene;
+    scene.inputs = 1 + below(4);
+    for (int j = below(6); j > 0; --j) {
+        const int before = static_cast<int>(scene.joints.size());
+        const bool slides = below(2) == 0;
+        scene.joints.push_back({below(before + 1) - 1, below(scene.inputs), frame(0.1, hostile),
+                                slides ? triple(1.0, hostile) : Triple{}, slides ? Triple{} : triple(1.0, hostile)});
+        scene.loads.push_back({number(1.0, hostile), triple(0.1, hostile)});
+    }
+    const auto body = [hostile] {
+        std::vector<Solid> pieces;
+        for (int i = below(4) == 0 ? below(30) : 1; i > 0; --i) pieces.push_back(solid(hostile, below(10) == 0 ? 0 : 1));
+        return Body(std::move(pieces));
+    };
+    for (int i = 1 + below(5); i > 0; --i)
+        scene.parts.push_back({below(static_cast<int>(scene.joints.size()) + 1) - 1, frame(0.1, hostile),
+                               below(static_cast<int>(scene.parts.size()) + 1), body(),
+                               below(3) == 0 ? body() : Body{}});
+    const int parts = static_cast<int>(scene.parts.size());
+    for (int i = below(6); i > 0; --i) scene.pairs.push_back({below(parts), below(parts)});
+    for (int i = 1 + below(4); i > 0; --i) scene.solids.emplace_back(solid(hostile, 1));
+    if (scene.solids.size() > 1 || below(3) == 0) scene.surface = body();
+    scene.root = frame(0.1, hostile), scene.object = frame(0.1, hostile);
+    Touches found;
+    Toucher toucher(scene);
+    const std::size_t postures = 3;
+    for (std::size_t i = 0; i < postures; ++i) {
+        const Triple values = triple(1.0, hostile);
+        const double q[4] = {values[0], values[1], values[2], 0.0};
+        const Frame root = frame(0.1, hostile);
+        toucher.touch(q, root, {below(2) == 0 ? 2e-3 : std::fabs(number(0.05, hostile)), 0.03, {0.0, 0.0, -9.81}}, found);
+        const double gap = toucher.gap(q, root, {0, parts - 1}, 0.1);
+        if (hostile == 0 && !(gap <= 0.1)) fail("a gap beyond its bound", gap, 0.1);
+    }
+    const std::size_t t = found.gap.size();
+    if (found.depth.size() != postures || found.failed.size() != postures || found.collision.size() != postures ||
+        found.gravity.size() != postures * scene.inputs || found.points.size() != 3 * t ||
+        found.corners.size() != 12 * t || found.jacobians.size() != 6 * t * scene.inputs)
+        fail("sizes that differ", static_cast<double>(t), static_cast<double>(found.depth.size()));
+    if (hostile > 0) return;
+    for (double one : found.jacobians)
+        if (!std::isfinite(one)) fail("a Jacobian that is not finite", one, 0.0);
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+    if (count < 3) return std::fprintf(stderr, "usage: touches seed count\n"), 2;
+    const unsigned long long first = std::strtoull(arguments[1], nullptr, 10),
+                             most = std::strtoull(arguments[2], nullptr, 10);
+    for (input = first; input < first + most; ++input) {
+        random_bits.seed(input);
+        check_pair();
+        check_scene();
+    }
+    std::printf("touches of %llu inputs hold\n", most);
+    return 0;
+}
