@@ -93,7 +93,7 @@ def certify(
               (True); else such grasps are ``RESERVE`` without more ado.
             - ``drives``: whether forces that the hand's drives cannot make together are no grasp (True); ``producible``
               tells it anyway.
-            - ``threads``: of the force methods; one for each core by default.
+            - ``threads``: of the compiled core, which finds touches and forces; one for each core by default.
 
     Raises:
         InvalidInput: shapes that do not go together, a hand without geometry, or conditions that cannot be used.

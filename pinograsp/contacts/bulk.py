@@ -39,7 +39,7 @@ class BulkContacts:
         leaning: by how much each corner is farther off than the nearest (t, 4) [m], where faces lean.
         jacobians_o: of the touching points of the links (t, 6, n), world axes, linear first; the palm's are zero.
         depth: of the deepest link that is farther inside than the tolerance (N,) [m]; 0: none.
-        failed: whether some distance could not be computed (N,): a degenerate mesh.
+        failed: whether some link found no way out of the object (N,): a degenerate mesh.
         collision: links of the hand that overlap, an index into ``BulkScene.collisions.pairs`` (N,); -1: none.
         gravity_torques: that hold the hand's own weight (N, n) [N m].
     """
@@ -68,7 +68,7 @@ class BulkScene:
     tell what is near, and itself where distances and normals are measured.
 
     Raises:
-        ExtraMissing: the object is not convex, and coacd (extra ``mesh``) is not installed.
+        ExtraMissing: the compiled core is not installed, or the object is not convex and coacd (extra ``mesh``) is not.
         InvalidInput: a hand without geometry.
     """
 
@@ -152,7 +152,7 @@ class BulkScene:
         return found
 
     def _compile(self) -> Any:
-        """The same for the core."""
+        """Hand and object for the core."""
         model = self.hand.model
         compiled = core.load().Scene(self.hand.n, self.hand.pose, self.body.shape_pose)
         for joint, inertia in zip(joints_of(model), list(model.inertias)[1:]):

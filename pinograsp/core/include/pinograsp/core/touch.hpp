@@ -178,7 +178,8 @@ private:
         std::fill(best_.begin(), best_.end(), Candidate{});
         for (const Near& near : near_) {
             Candidate& best = best_[scene_.parts[near.part].link];
-            const double beyond = best.part < 0 ? tolerance : best.gap.distance;
+            // Of solids that share what is nearest, the first stays, whatever rounding does.
+            const double beyond = best.part < 0 ? tolerance : best.gap.distance - 1e-12;
             if (near.room > beyond) continue;
             if (const Separation gap = look(near, beyond); gap.distance <= beyond)
                 best = Candidate{near.part, near.solid, gap};
