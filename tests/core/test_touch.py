@@ -108,27 +108,40 @@ def test_a_ball_in_a_box_has_the_nearest_face():
         assert found.gap[0] == pytest.approx(-depth, abs=1e-12) and np.allclose(found.normals, normal, atol=1e-9)
 
 
-def test_a_ball_in_a_beaker_touches_the_inner_wall_and_not_the_hull():
+def beaker_with(one, at):
+    """A part of a hand at a beaker of one surface, whose convex parts are sectors of its wall, and the wall's radius."""
     outer = trimesh.creation.cylinder(radius=0.035, height=0.08, sections=64)
     inner = trimesh.creation.cylinder(radius=0.03, height=0.08, sections=64)
     inner.apply_translation([0, 0, 0.006])
     beaker = trimesh.boolean.difference([outer, inner], engine="manifold")
-    wall = 0.03 * np.cos(np.pi / 64)  # of the polygon, at the middle of a side
     scene = core.load().Scene(0, np.eye(4), np.eye(4))
-    turn = pin.exp3(np.array([0, 0, np.pi / 64]))
-    at = pin.SE3(np.eye(3), turn @ [wall - 0.009, 0.0, 0.01])
-    scene.add_part(-1, at.homogeneous, 0, *support_shape(coal.Sphere(0.01)), np.zeros((0, 3, 3)))
-    for i in range(64):  # sectors of the wall
+    scene.add_part(-1, at.homogeneous, 0, *support_shape(one), np.zeros((0, 3, 3)))
+    for i in range(64):
         angles = 2 * np.pi * np.array([i, i + 1]) / 64
         ring = np.column_stack([np.cos(angles), np.sin(angles)])
         flat = np.vstack([0.03 * ring, 0.035 * ring])
         points = np.vstack([np.column_stack([flat, np.full(4, z)]) for z in (-0.034, 0.04)])
         scene.add_solid(points, np.zeros(3))
     scene.put(corners_of(collision_model(np.array(beaker.vertices), np.array(beaker.faces))))
-    found = touch(scene, 0.002)
+    return scene
+
+
+TURN = pin.exp3(np.array([0, 0, np.pi / 64]))  # to the middle of a side
+WALL = 0.03 * np.cos(np.pi / 64)  # [m] of the polygon, there
+
+
+def test_a_ball_in_a_beaker_touches_the_inner_wall_and_not_the_hull():
+    found = touch(beaker_with(coal.Sphere(0.01), pin.SE3(np.eye(3), TURN @ [WALL - 0.009, 0.0, 0.01])), 0.002)
     assert found.gap[0] == pytest.approx(-0.001, abs=1e-7)
-    assert np.allclose(found.normals, turn @ [1, 0, 0], atol=1e-4)
-    assert np.allclose(found.points, turn @ [wall, 0.0, 0.01], atol=1e-6)
+    assert np.allclose(found.normals, TURN @ [1, 0, 0], atol=1e-4)
+    assert np.allclose(found.points, TURN @ [WALL, 0.0, 0.01], atol=1e-6)
+
+
+def test_a_bar_through_the_wall_of_a_beaker_does_not_touch_but_is_as_deep_as_its_shorter_end():
+    # From 0.02 to 0.05 m off the axis, the wall between 0.03 and 0.035.
+    at = pin.SE3(TURN, TURN @ [0.035, 0.0, 0.0])
+    found = touch(beaker_with(coal.Box(0.03, 0.004, 0.004), at), 0.002)
+    assert not found.gap.size and found.depth[0] == pytest.approx(0.035 - 0.02, abs=1e-4)
 
 
 def ring(rng):
