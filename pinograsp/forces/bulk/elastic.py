@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pinograsp.contacts import Friction
-from pinograsp.core.parts import call_in_parts
+from pinograsp.core.threads import call_in_parts
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _LANES = 8  # the most that any processor computes at once: the core takes multiples of it

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pinograsp import core
 from pinograsp.checks import record_of
 from pinograsp.contacts import Friction
-from pinograsp.core.parts import call_in_parts
+from pinograsp.core.threads import call_in_parts
 from pinograsp.errors import Status
 from pinograsp.forces.bulk.elastic import Grips, Reactions, find_multiples, find_offsets, react, spread
 from pinograsp.forces.robust.reserve import Reserve

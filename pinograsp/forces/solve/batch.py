@@ -30,7 +30,7 @@ from pinograsp.contacts.compliance import MEASURES
 from pinograsp.contacts.contact_set import bare_contacts
 from pinograsp.contacts.friction import CONE
 from pinograsp.contacts.quality import BALANCES, Balance
-from pinograsp.core.parts import call_in_parts
+from pinograsp.core.threads import call_in_parts
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.certificate import TOLERANCE, Tolerance
 from pinograsp.forces.matrices import matrices_of
