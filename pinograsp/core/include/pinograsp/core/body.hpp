@@ -11,7 +11,8 @@ inline namespace PINOGRASP_CORE_LEVEL {
 
 // Along the axes of a shape's own frame.
 struct Bounds {
-    Triple low{}, high{};
+    Triple low{}, high{}, middle{};
+    double radius = 0.0;  // of the ball around them
 
     Bounds() = default;
     explicit Bounds(const Solid& solid) {
@@ -21,13 +22,13 @@ struct Bounds {
             high[i] = solid.farthest(axis)[i];
             low[i] = solid.farthest(-1.0 * axis)[i];
         }
+        enclose();
     }
     void add(const Bounds& other) {
         for (int i = 0; i < 3; ++i) low[i] = std::min(low[i], other.low[i]), high[i] = std::max(high[i], other.high[i]);
+        enclose();
     }
-    Triple middle() const { return 0.5 * (low + high); }
-    Triple half() const { return 0.5 * (high - low); }
-    double radius() const { return length(half()); }
+    void enclose() { middle = 0.5 * (low + high), radius = 0.5 * length(high - low); }
     // Distance of a point, squared.
     double squared(const Triple& point) const {
         double found = 0.0;
@@ -45,11 +46,12 @@ struct Bounds {
     }
 };
 
-// How far two boxes are apart at least, as far as the balls around them tell; `there`: of the second, seen from the
-// first.
-inline double room_between(const Bounds& one, const Bounds& other, const Frame& there) {
-    const double first = std::sqrt(other.squared(there.act_back(one.middle()))) - one.radius();
-    return std::max(first, std::sqrt(one.squared(there.act(other.middle()))) - other.radius());
+// How far two boxes are apart at least, as far as the balls around them tell, more than `enough` not exactly; `there`:
+// of the second, seen from the first.
+inline double room_between(const Bounds& one, const Bounds& other, const Frame& there, double enough) {
+    const double first = std::sqrt(one.squared(there.act(other.middle))) - other.radius;
+    if (first > enough) return first;
+    return std::max(first, std::sqrt(other.squared(there.act_back(one.middle))) - one.radius);
 }
 
 class Body {
@@ -84,12 +86,12 @@ private:
         const int own = static_cast<int>(nodes_.size());
         nodes_.push_back({bounds, -1, all[start].first});
         if (stop - start == 1) return own;
-        const Triple half = bounds.half();
+        const Triple half = bounds.high - bounds.middle;
         const std::size_t axis = std::max_element(half.begin(), half.end()) - half.begin(), middle = (start + stop) / 2;
         std::nth_element(all.begin() + start, all.begin() + middle, all.begin() + stop,
                          [axis](const auto& a, const auto& b) {
                              // Numbers that are none have no order.
-                             const double x = a.second.middle()[axis], y = b.second.middle()[axis];
+                             const double x = a.second.middle[axis], y = b.second.middle[axis];
                              const bool left = std::isfinite(x), right = std::isfinite(y);
                              if (left && right && x != y) return x < y;
                              return left != right ? left : a.first < b.first;
@@ -123,7 +125,7 @@ private:
     double room(const Bounds& a, const Bounds& b) const {
         const Triple& along = gap.normal;
         const double parted = dot(along, there_.t) - b.reach(there_.turn_back(-1.0 * along)) - a.reach(along);
-        return parted >= widest_ ? parted : std::max(parted, room_between(a, b, there_));
+        return parted >= widest_ ? parted : std::max(parted, room_between(a, b, there_, widest_));
     }
 
     void look(int i, int j) {
@@ -136,7 +138,7 @@ private:
             widest_ = gap.distance > 0.0 ? gap.distance - alike : -std::numeric_limits<double>::infinity();
             return;
         }
-        const bool first = b.left < 0 || (a.left >= 0 && a.bounds.radius() > b.bounds.radius());
+        const bool first = b.left < 0 || (a.left >= 0 && a.bounds.radius > b.bounds.radius);
         const int ways[2][2] = {{first ? a.left : i, first ? j : b.left}, {first ? a.right : i, first ? j : b.right}};
         double rooms[2];
         for (int k = 0; k < 2; ++k) rooms[k] = room(one_.node(ways[k][0]).bounds, other_.node(ways[k][1]).bounds);

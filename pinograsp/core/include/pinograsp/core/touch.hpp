@@ -154,9 +154,9 @@ private:
         const Frame there = parts_[part].inverse() * object_;
         if (scene_.parts[part].hull.empty()) return;
         const Bounds& own = scene_.parts[part].hull.bounds();
-        if (room_between(own, around_, there) > reach) return;
+        if (room_between(own, around_, there, reach) > reach) return;
         for (std::size_t s = 0; s < scene_.solids.size(); ++s)
-            if (const double room = room_between(own, scene_.solids[s].bounds(), there); room <= reach)
+            if (const double room = room_between(own, scene_.solids[s].bounds(), there, reach); room <= reach)
                 near_.push_back({room, part, static_cast<int>(s)});
     }
 
@@ -164,7 +164,7 @@ private:
     Separation look(const Near& near, double beyond) const {
         const Frame there = parts_[near.part].inverse() * object_;
         const Body &hull = scene_.parts[near.part].hull, &solid = scene_.solids[near.solid];
-        Triple along = there.act(solid.bounds().middle()) - hull.bounds().middle();
+        Triple along = there.act(solid.bounds().middle) - hull.bounds().middle;
         const double size = length(along);
         along = size > 0.0 ? (1.0 / size) * along : Triple{1.0, 0.0, 0.0};
         return Nearest(hull, solid, there, along, beyond).gap;
@@ -278,11 +278,11 @@ private:
             const auto [i, j] = scene_.pairs[k];
             const Body &one = scene_.parts[i].shape(), &other = scene_.parts[j].shape();
             if (one.empty() || other.empty()) continue;
-            const Triple apart = parts_[j].act(other.bounds().middle()) - parts_[i].act(one.bounds().middle());
-            const double most = one.bounds().radius() + other.bounds().radius(), size = length(apart);
+            const Triple apart = parts_[j].act(other.bounds().middle) - parts_[i].act(one.bounds().middle);
+            const double most = one.bounds().radius + other.bounds().radius, size = length(apart);
             if (!(size <= most)) continue;
             const Frame there = parts_[i].inverse() * parts_[j];
-            if (room_between(one.bounds(), other.bounds(), there) > 0.0) continue;
+            if (room_between(one.bounds(), other.bounds(), there, 0.0) > 0.0) continue;
             const Triple along = size > 0.0 ? parts_[i].turn_back((1.0 / size) * apart) : Triple{1.0, 0.0, 0.0};
             if (Nearest(one, other, there, along, 0.0, false).gap.distance <= 0.0) return static_cast<std::int64_t>(k);
         }
