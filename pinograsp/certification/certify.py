@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from pinograsp.certification.setup import CertifyArguments, Options, prepare
 from pinograsp.certification.verdicts import certify_block
 from pinograsp.checks import array_of, placements_of
 from pinograsp.contacts.jaw_closing import close_jaws
+from pinograsp.core.threads import share_out
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -59,10 +61,14 @@ class Certifier:
         return self._certify(q, moved)
 
     def _certify(self, q: Array, placed: Array) -> Certificates:
-        blocks = [
-            certify_block(self._setup, q[i : i + BLOCK], placed[i : i + BLOCK]) for i in range(0, max(len(q), 1), BLOCK)
-        ]
-        return Certificates.join(blocks)
+        setup, starts = self._setup, range(0, max(len(q), 1), BLOCK)
+        if len(starts) > 1:  # whole blocks on threads of their own: what is left in Python takes turns
+            setup = replace(setup, options=replace(setup.options, threads=1))
+
+        def certify_from(start: int) -> Certificates:
+            return certify_block(setup, q[start : start + BLOCK], placed[start : start + BLOCK])
+
+        return Certificates.join(share_out(certify_from, starts, self._setup.options.threads))
 
 
 def certify(
