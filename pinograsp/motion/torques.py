@@ -6,15 +6,19 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, each_of, floats_of, instance_of, shorten
+from pinograsp.checks import array_of, each_of, floats_of, frozen, instance_of, shorten
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimit, TorqueLimits, Underactuation
 from pinograsp.forces.conditions import given_limit
-from pinograsp.hands import Finger, HandModel, ratios_of
+from pinograsp.hands import Finger, HandModel, ratios_of, servo_gains
 from pinograsp.hands.efforts import spring_torques
 from pinograsp.motion.jacobian import contact_jacobians, contact_points, point_jacobian
 from pinograsp.spatial import Array
+
+# Weighed in benchmarks/forgiving.py: motion of a joint [rad] that takes all of its torque or doubles it while the hand
+# closes, a centimetre at a fingertip; and the gain of joints that bear next to nothing [N m/rad].
+_FORGIVEN, _SOFTEST = 0.15, 0.3
 
 DRY_FRICTION = (
     0.05  # share of the contacts' torques that tendons and joints bear by their friction, which is mostly more
@@ -116,6 +120,22 @@ def beyond_limits(hand: HandModel, torques: Array) -> dict[str, str]:
         for joint, peak, limit, unit in zip(hand.joint_names, peaks, limits, np.where(slides, "N", "N m"))
         if peak > limit * (1 + _ROUNDING)
     }
+
+
+def soften_servos(hand: HandModel, torques: Array) -> Array | None:
+    """Gains (n,) [N m/rad or N/m] with which a closing hand forgives a misplaced object; None: none of its own do.
+
+    A joint that the object holds off, or that goes on to reach it, presses with tau - K (q - q*): the gain is what the
+    contacts ask of it, ``torques`` (n,) [N m or N], over the motion that it is to forgive.
+    """
+    fingers = np.concatenate([finger.dofs for finger in hand.fingers])
+    fixed = {joint for drive in hand.drives if drive.control == "position" for joint in drive.joints}
+    # Jaws keep an object between them by being stiff; motors that take positions have gains of their own.
+    ours = ~hand.slides & np.isin(np.arange(hand.n), fingers) & ~np.isin(hand.joint_names, sorted(fixed))
+    if not ours.any():
+        return None
+    own = servo_gains(hand)
+    return frozen(np.where(ours, np.minimum(np.maximum(np.abs(torques) / _FORGIVEN, _SOFTEST), own), own))
 
 
 def torques_matter(hand: HandModel, limit: Array | None) -> bool:

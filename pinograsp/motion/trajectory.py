@@ -36,16 +36,13 @@ from pinograsp.motion.obstacles import Obstacles
 from pinograsp.motion.press_solver import TRACKED
 from pinograsp.motion.remedies import explain_miss, find_outside_limits, name_displacement, name_limit, note_rest
 from pinograsp.motion.surfaces import ClosedPress, follow_press, off_path, press_closed, press_surfaces
-from pinograsp.motion.torques import beyond_limits, contact_torques, finger_dynamics, inverse_dynamics
+from pinograsp.motion.torques import beyond_limits, contact_torques, finger_dynamics, inverse_dynamics, soften_servos
 from pinograsp.plan import Motion
 from pinograsp.spatial import Array, BoolArray
 
 # Peak torques closer than this [N m] are a tie: the first posture wins.
 _TIE = 1e-9
 _MOST_TIMES = 200_000  # steps of a motion
-# Weighed in benchmarks/forgiving.py: motion of a joint [rad] that takes all of its torque or doubles it while the hand
-# closes, a centimetre at a fingertip; and the gain of joints that bear next to nothing [N m/rad].
-_FORGIVEN, _SOFTEST = 0.15, 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -187,22 +184,6 @@ class _Planning:
         self.velocities[self.impact :, which] = np.einsum("mcxn,mn->mcx", motion.jacobians[:, :, :3], motion.dq)
         self.tracking[which], self.slip[which] = motion.errors.max(axis=0), motion.slips.max(axis=0)
         self.judge(finger, which, motion, path, found.method == "closing")
-
-    def soften(self) -> Array | None:
-        """Gains with which a closed hand forgives a misplaced object.
-
-        A joint that the object holds off, or that goes on to reach it, presses with tau - K (q - q*).
-        """
-        hand = self.hand
-        fingers = np.concatenate([finger.dofs for finger in hand.fingers])
-        fixed = {joint for drive in hand.drives if drive.control == "position" for joint in drive.joints}
-        # Jaws keep an object between them by being stiff; motors that take positions have gains of their own.
-        ours = ~hand.slides & np.isin(np.arange(hand.n), fingers) & ~np.isin(hand.joint_names, sorted(fixed))
-        if self.pressed is None or not ours.any():
-            return None
-        soft = np.maximum(np.abs(self.contact_torques[-1]) / _FORGIVEN, _SOFTEST)
-        own = servo_gains(hand)
-        return frozen(np.where(ours, np.minimum(soft, own), own))
 
     def keep_clear(self) -> None:
         """Let the joints of closing fingers take turns where links hit the object, or each other, on the way."""
@@ -386,7 +367,7 @@ class _Planning:
             postures=postures,
             peak_torque=float(np.abs(total).max()),
             remedy=". ".join(self.remedies),
-            closing_stiffness=self.soften(),
+            closing_stiffness=None if self.pressed is None else soften_servos(hand, self.contact_torques[-1]),
         )
 
 
