@@ -65,11 +65,11 @@ def is_held(plan: pg.GraspPlan, support: str, servo: Servo | None, disturbance: 
 
 def row(name: str, shape: str, errors: int, kinds: list[str], servos: list[str], seed: int) -> dict:
     """Of one hand and one object, how many of its errors were forgiven: ``held/tried``."""
-    found: dict = {"hand": name, "object": shape, "size_g": "", "status": "", "fingers": "", "seconds": ""}
+    found: dict = {"hand": name, "object": shape, "mass_g": "", "status": "", "fingers": "", "seconds": ""}
     found |= {f"{kind}_{servo}": "" for kind in kinds for servo in servos} | {"why": ""}
     hand = pg.load_hand(name)
     body, conditions = thing(shape, width(hand)), pg.GraspConditions(mu=MU, table=True)
-    found["size_g"], started = f"{1e3 * body.mass:.0f}", time.perf_counter()
+    found["mass_g"], started = f"{1e3 * body.mass:.0f}", time.perf_counter()
     try:
         search = pg.find_grasps(hand, body, conditions, count=16, seed=seed, jobs=1, progress=False)
         plan = plan_best(search, conditions, progress=False)

@@ -117,12 +117,16 @@ def objects(w: float) -> dict:
     }
 
 
+def scale_of(shape: str, w: float) -> float:
+    """Of an object of that shape for a hand that opens by w [m]: 1, or less."""
+    return min(1.0, _FITS * w / SIZES[shape][0])
+
+
 def thing(shape: str, w: float) -> pg.objects.body.Body:
     """An object of that shape that a hand which opens by w [m] can hold; or the one that a text describes."""
     if ":" in shape:
         return pg.object_from(shape)
-    size, mass = SIZES[shape]
-    scale = min(1.0, _FITS * w / size)
+    mass, scale = SIZES[shape][1], scale_of(shape, w)
     how = {"mass": mass} if scale == 1.0 else {"density": SCALED}
     if shape in MESHES:
         with tempfile.TemporaryDirectory() as folder:
@@ -149,10 +153,8 @@ def row(source: str, root: str | None, shape: str, samples: int, seed: int) -> d
 def _row(hand: pg.HandModel, shape: str, samples: int, seed: int, found: dict) -> dict:
     w = width(hand)
     body = thing(shape, w)
-    size = (
-        1e3 * min(1.0, _FITS * w / SIZES[shape][0]) * SIZES[shape][0] if shape in SIZES else 2e3 * body.bounding_radius
-    )
-    found |= {"width_mm": f"{1e3 * w:.1f}", "size_mm": f"{size:.0f}", "mass_g": f"{1e3 * body.mass:.1f}"}
+    size = scale_of(shape, w) * SIZES[shape][0] if shape in SIZES else 2 * body.bounding_radius
+    found |= {"width_mm": f"{1e3 * w:.1f}", "size_mm": f"{1e3 * size:.0f}", "mass_g": f"{1e3 * body.mass:.1f}"}
     conditions = pg.GraspConditions(mu=MU)
     started = time.perf_counter()
     search = pg.find_grasps(hand, body, conditions, count=samples, seed=seed, jobs=1, progress=False)

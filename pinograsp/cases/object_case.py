@@ -80,7 +80,8 @@ class ObjectCase(CaseSection):
     ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields,
     ``{"shape": "sphere", "radius": 0.03, ...}``. ``at`` is the placement of the object's frame, that of its file, in
     the hand's: x, y, z [m] and optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` is used.
-    ``within``: where to hold it, lower and upper corner of a box in its own frame [m]. ``friction``: None: as
+    ``within``: where to hold it, lower and upper corner of a box in its own frame [m]. ``least_fingers``: that grasps
+    are to have, as of :func:`~pinograsp.synthesis.find_grasps`. ``friction``: None: as
     :class:`~pinograsp.forces.GraspConditions` choose it. ``reserve``: ``"none"``, ``"default"``, its fields, or a text
     of them; not given: the default one, and none where the search or the objective knows none. ``torque_limit``: of
     every joint [N m or N], where it is below its effort limit. ``check``: simulate grasps that were found, and take one

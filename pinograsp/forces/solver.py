@@ -15,7 +15,7 @@ from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solution import ConvexSolution, solution_of
 from pinograsp.forces.solve.compiled import PreparedForces
 from pinograsp.forces.solve.program import Objective, assemble, energy_terms_at, weights_of
-from pinograsp.forces.solve.solver_order import COMPILED, SolverName, SolverOrder, check_solver
+from pinograsp.forces.solve.solver_order import SolverName, SolverOrder, check_solver
 
 _NONE_C, _NONE = frozen(np.zeros((0, 3))), frozen(np.zeros(0))
 
@@ -63,11 +63,7 @@ class ForceSolver:
         self.solvers = self._order.order
         self._terms = energy_terms_at(problem, self.weights, self.impact_time)
         self._bounds = problem.normal_force_range(self.impact_time)
-        self.prepared: PreparedForces | None = None
-        method = self.solvers[0]
-        # Equations of an underactuated hand have one side each: as programs alone their other side is set.
-        if method in COMPILED and self._order.takes(method) and not self._matrices.fixed:
-            self.prepared = PreparedForces(problem, self._order.template, method, self._terms, self._bounds)
+        self.prepared = self._order.prepare(problem, self._terms, self._bounds)
 
     def solve(self, load: ArrayLike | None = None) -> ConvexSolution:
         """The forces for a load (6,), linear first, about the centre of mass, world axes [N, N m].

@@ -44,7 +44,8 @@ class SimulationOptions:
         hold: time after the object's support is gone [s]; with a release, at least one step.
         mode: ``"servo"``; or ``"prescribed"``: joints follow the commands exactly.
         disturbance: differences from the plan.
-        servo: control of the joints and gains; None: the hand's own servos, :meth:`Servo.of`.
+        servo: control of the joints and gains; None: the hand's own servos, :meth:`Servo.of`, with the plan's gains
+            while it closes.
         time_step: at most 0.05 s, and two million steps in all [s]. An object that swings too fast on its contacts
             for it, since it is light or harder than planned, gets one up to 20 times shorter, with a note.
         sample: interval between samples of the record [s].

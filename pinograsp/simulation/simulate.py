@@ -37,11 +37,12 @@ def simulate(
 ) -> Simulation:
     """Simulate a plan with a free object, and judge whether the grasp holds.
 
-    The object is fixed until the grasp is complete (t_F, as in the paper), then let go. The hand has the plan's
-    geometry (exact primitives and ellipsoids, convex hulls of meshes), masses and torque limits; the object has its own
-    shape, of a mesh that is not convex its triangles. A position servo at every joint follows the plan's trajectory,
-    with the plan's torques as feed-forward, or either of the two alone (:class:`Servo`). The contact forces follow the
-    plan's law (Eq. 4), implemented again in :mod:`pinograsp.simulation.law`.
+    The object is fixed until the grasp is complete (t_F, as in the paper), or stands on the plan's table; then it is
+    let go. The hand has the plan's geometry (exact primitives and ellipsoids, convex hulls of meshes), masses and
+    torque limits; the object has its own shape, of a mesh that is not convex its triangles. A position servo at every
+    joint follows the plan's trajectory, softer while the hand closes, with the plan's torques as feed-forward, or
+    either of the two alone (:class:`Servo`). The contact forces follow the plan's law (Eq. 4), implemented again in
+    :mod:`pinograsp.simulation.law`.
 
     Args:
         plan: a plan, the folder of a run, or a task.

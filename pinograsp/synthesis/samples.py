@@ -67,6 +67,7 @@ def make_search_case(
     wrap: bool,
     rng: np.random.Generator,
     region: Region | None = None,
+    least_fingers: int | None = None,
 ) -> SearchCase:
     """Preshapes of the hand and pairs of the object, which all samples draw from."""
     rough = hand_of_hulls(hand)
@@ -89,6 +90,7 @@ def make_search_case(
         pairs=find_pairs(body, rng, region),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
         region=region,
+        least_fingers=least_fingers,
     )
 
 

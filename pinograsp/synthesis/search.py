@@ -180,8 +180,8 @@ def find_grasps(
     instance_of("progress", progress, bool, type(None))
     first, *rounds = np.random.SeedSequence(seed).spawn(1 + _ROUNDS)
     try:
-        case = make_search_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), region)
-        case = replace(case, least_fingers=least_fingers)
+        rng = np.random.default_rng(first)
+        case = make_search_case(hand, body, conditions, impact_time, wrap, rng, region, least_fingers)
     except Exception as error:
         raise _plain(error) from None
     widths = [one.width for one in case.preshapes]

@@ -8,6 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from convex_shapes import draw_placement, draw_shapes
 
 from pinograsp import core
 from pinograsp.contacts import close_hand
@@ -18,25 +19,6 @@ from pinograsp.objects import Box, Cylinder, Ellipsoid, Sphere
 from pinograsp.synthesis.preshapes import preshapes
 
 TOUCH, CREEP, NEAR = 5e-8, 2e-5, 2e-6  # [m]
-
-
-def shapes(rng):
-    size = rng.uniform(0.005, 0.05, 3)
-    points = coal.StdVec_Vec3s()
-    for point in rng.normal(size=(20, 3)) * size:
-        points.append(point)
-    return [
-        coal.Sphere(size[0]),
-        coal.Ellipsoid(*size),
-        coal.Capsule(size[0], size[1]),
-        coal.Cylinder(size[0], size[1]),
-        coal.Box(*size),
-        coal.Convex.convexHull(points, True, "Qt"),
-    ]
-
-
-def placement(rng, size):
-    return pin.SE3(pin.exp3(rng.normal(size=3)), size * rng.normal(size=3))
 
 
 def distance(one, at, other, there):
@@ -51,10 +33,10 @@ def test_a_part_goes_as_far_as_it_is_clear_and_no_farther(turning):
     seed = secrets.randbelow(10**9)
     rng = np.random.default_rng(seed)
     stopped = 0
-    for one in shapes(rng):
-        for other in shapes(rng):
+    for one in draw_shapes(rng, 0.005):
+        for other in draw_shapes(rng, 0.005):
             away = np.array([0.25, 0.0, 0.0])
-            start, own, there = pin.SE3(np.eye(3), away), placement(rng, 0.02), placement(rng, 0.02)
+            start, own, there = pin.SE3(np.eye(3), away), draw_placement(rng, 0.02), draw_placement(rng, 0.02)
             axis = rng.normal(size=3) if turning else -away + 0.02 * rng.normal(size=3)
             screw = pin.Motion(np.zeros(3), axis) if turning else pin.Motion(axis, np.zeros(3))
             if turning:  # it sweeps by where the object is

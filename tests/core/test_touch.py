@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from convex_shapes import draw_placement, draw_shapes
 
 from pinograsp import core
 from pinograsp.contacts.bulk import BulkContacts, BulkScene
@@ -23,25 +24,6 @@ from pinograsp.objects import Box, Cylinder, Sphere
 
 SEED = secrets.randbelow(10**9)
 FAR = 1.0  # [m]
-
-
-def shapes(rng):
-    size = rng.uniform(0.01, 0.05, 3)
-    points = coal.StdVec_Vec3s()
-    for point in rng.normal(size=(20, 3)) * size:
-        points.append(point)
-    return [
-        coal.Sphere(size[0]),
-        coal.Ellipsoid(*size),
-        coal.Capsule(size[0], size[1]),
-        coal.Cylinder(size[0], size[1]),
-        coal.Box(*size),
-        coal.Convex.convexHull(points, True, "Qt"),
-    ]
-
-
-def placement(rng, size):
-    return pin.SE3(pin.exp3(rng.normal(size=3)), size * rng.normal(size=3))
 
 
 def scene_of(one, at, other, there):
@@ -67,8 +49,8 @@ def distance(one, at, other, there):
 
 def test_gaps_between_shapes_are_those_of_coal():
     rng, gap = np.random.default_rng(SEED), np.zeros(1)
-    for one, other in itertools.product(shapes(rng), repeat=2):
-        at, there = placement(rng, 0.05), placement(rng, 0.05)
+    for one, other in itertools.product(draw_shapes(rng, 0.01), repeat=2):
+        at, there = draw_placement(rng, 0.05), draw_placement(rng, 0.05)
         expected, point = distance(one, at, other, there)
         if not 1e-4 < expected < FAR:
             continue
@@ -83,8 +65,8 @@ def test_gaps_between_shapes_are_those_of_coal():
 def test_a_shape_that_is_moved_out_by_its_depth_just_touches():
     rng = np.random.default_rng(SEED)
     overlaps = 0
-    for one, other in itertools.product(shapes(rng), repeat=2):
-        at, there = placement(rng, 0.005), placement(rng, 0.005)
+    for one, other in itertools.product(draw_shapes(rng, 0.01), repeat=2):
+        at, there = draw_placement(rng, 0.005), draw_placement(rng, 0.005)
         if distance(one, at, other, there)[0] > -1e-4:
             continue
         found = touch(scene_of(one, at, other, there), FAR)
@@ -153,8 +135,8 @@ def ring(rng):
 
 def test_gaps_of_meshes_are_those_of_coal():
     rng, gap, compared = np.random.default_rng(SEED), np.zeros(1), 0
-    for other in 10 * shapes(rng):
-        one, at, there = ring(rng), placement(rng, 0.03), placement(rng, 0.03)
+    for other in 10 * draw_shapes(rng, 0.01):
+        one, at, there = ring(rng), draw_placement(rng, 0.03), draw_placement(rng, 0.03)
         expected, _ = distance(one, at, other, there)
         scene = core.load().Scene(0, np.eye(4), there.homogeneous)
         scene.add_part(-1, at.homogeneous, 0, np.zeros((0, 3)), np.zeros(3), corners_of(one))
@@ -169,7 +151,7 @@ def test_gaps_of_meshes_are_those_of_coal():
 def test_meshes_that_hit_each_other_are_those_of_coal():
     rng, hits = np.random.default_rng(SEED), 0
     for _ in range(100):
-        forms, places = [ring(rng), ring(rng)], [placement(rng, 0.015), placement(rng, 0.015)]
+        forms, places = [ring(rng), ring(rng)], [draw_placement(rng, 0.015), draw_placement(rng, 0.015)]
         scene = core.load().Scene(0, np.eye(4), np.eye(4))
         for form, at in zip(forms, places):
             scene.add_part(-1, at.homogeneous, 0, *support_shape(form.convex or form), corners_of(form))
@@ -185,11 +167,11 @@ def test_meshes_that_hit_each_other_are_those_of_coal():
 @pytest.mark.parametrize("name", ["allegro_right", "psyonic_left", "pr2_left", "baxter_left"])
 def test_places_jacobians_and_weights_are_pinocchios(name):
     rng = np.random.default_rng(SEED)
-    hand = load_hand(name).placed(placement(rng, 0.2).homogeneous)
-    body = Sphere(radius=0.03, mass=0.1, pose=placement(rng, 0.1).homogeneous)
+    hand = load_hand(name).placed(draw_placement(rng, 0.2).homogeneous)
+    body = Sphere(radius=0.03, mass=0.1, pose=draw_placement(rng, 0.1).homogeneous)
     scene, count = BulkScene(hand, body), 100
     q = hand.lower + rng.uniform(size=(count, hand.n)) * (hand.upper - hand.lower)
-    roots = np.array([placement(rng, 0.1).homogeneous for _ in range(count)])
+    roots = np.array([draw_placement(rng, 0.1).homogeneous for _ in range(count)])
     placed = scene.placed_parts(q, roots)
     parts = rng.integers(len(scene.parts), size=count)
     for i, part in enumerate(parts):  # the object at one of its parts
@@ -238,7 +220,7 @@ def test_a_posture_has_the_same_touches_alone_and_in_any_number_of_threads():
     rng, hand = np.random.default_rng(SEED), load_hand("allegro_right")
     body = Cylinder(radius=0.03, height=0.1, mass=0.1, pose=pin.SE3(np.eye(3), np.array([0.06, 0, 0.06])).homogeneous)
     q = hand.lower + rng.uniform(size=(200, hand.n)) * (hand.upper - hand.lower)
-    roots = np.array([placement(rng, 0.005).homogeneous for _ in range(200)])
+    roots = np.array([draw_placement(rng, 0.005).homogeneous for _ in range(200)])
     scene = BulkScene(hand, body)
     one = scene.contacts(q, roots, tolerance=5e-3)
     assert len(one.grasp) > 50, SEED

@@ -230,7 +230,7 @@ def find_efforts(
         places: where the grasps are among the Jacobians (N,).
         threads: of the compiled code; None: one for each core.
     """
-    tau, most = np.zeros((2, *bias.shape))
+    tau, most = np.zeros(bias.shape), np.zeros(bias.shape)
     given = {
         **reacted._arrays,
         "jacobians": jacobians,

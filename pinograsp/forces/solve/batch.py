@@ -36,9 +36,9 @@ from pinograsp.forces.certificate import TOLERANCE, Tolerance
 from pinograsp.forces.matrices import matrices_of
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solve.answers import CertifiedForces
-from pinograsp.forces.solve.compiled import CompiledForces, PreparedForces
+from pinograsp.forces.solve.compiled import CompiledForces
 from pinograsp.forces.solve.program import EnergyTerms, Objective, Program, assemble, weights_of
-from pinograsp.forces.solve.solver_order import COMPILED, SolverOrder
+from pinograsp.forces.solve.solver_order import SolverOrder
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 _MOST_THREADS = 1024
@@ -392,14 +392,13 @@ def _solve_by_general_methods(batch: ForceBatch, i: int, weights: Mapping[str, f
     (problem, program), own = program_of(batch, i, weights), batch.counts[i]
     order, limits = SolverOrder(program.matrices, "auto"), (batch.low[i, :own], batch.high[i, :own])
     found: CompiledForces | CertifiedForces | None = None
-    if taken := order.order[0] in COMPILED and order.takes(order.order[0]):
-        terms = _energy_terms(batch, i, weights)
-        prepared = PreparedForces(problem, order.template, order.order[0], terms, limits)
+    prepared = order.prepare(problem, _energy_terms(batch, i, weights), limits)
+    if prepared is not None:
         found = prepared.forces(problem.load)
         if found is None and prepared.prove(problem.load) is not None:
             return Status.INFEASIBLE
     if found is None:
-        outcome = order.solve(problem, program, tried=taken)
+        outcome = order.solve(problem, program, tried=prepared is not None)
         if outcome.status is not Status.OK or outcome.forces is None:
             return outcome.status
         found = outcome.forces

@@ -18,12 +18,13 @@ from pinograsp.forces.matrices import Matrices
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.solve.active_set import DenseMethod
 from pinograsp.forces.solve.answers import CertifiedForces, ProgramAnswer, certify_answer
-from pinograsp.forces.solve.compiled import solve_program
+from pinograsp.forces.solve.compiled import PreparedForces, solve_program
 from pinograsp.forces.solve.conic import HUGE, ConicMethod, exponents_of
-from pinograsp.forces.solve.program import Program
+from pinograsp.forces.solve.program import EnergyTerms, Program
 from pinograsp.forces.solve.registry import Takes, ask_solver, list_registered, register
 from pinograsp.forces.solve.solvers import OwnQPSolver, qp_solvers
 from pinograsp.forces.solve.template import Template
+from pinograsp.spatial import Array
 
 _USEFUL = 1e-3  # relative to the load: forces that miss their limits by more are not recorded
 CompiledName = Literal["interior", "newton"]
@@ -108,6 +109,18 @@ class SolverOrder:
     def template(self) -> Template:
         """The matrices as the compiled methods take them."""
         return Template(self._matrices)
+
+    def prepare(
+        self, problem: ForceProblem, terms: EnergyTerms, normal_force_range: tuple[Array, Array]
+    ) -> PreparedForces | None:
+        """All but the load for the first method, in the core; None where that is not a compiled one, or does not take
+        these problems.
+        """
+        method = self.order[0]
+        # Equations of an underactuated hand have one side each: as programs alone their other side is set.
+        if method not in COMPILED or not self.takes(method) or self._matrices.fixed:
+            return None
+        return PreparedForces(problem, self.template, method, terms, normal_force_range)
 
     def takes(self, name: str) -> bool:
         """Whether a compiled method takes these matrices."""
