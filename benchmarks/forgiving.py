@@ -6,8 +6,9 @@ Hands of the catalogue and the objects of ``grasps.py``, planned as standing on 
 is ok is carried out with the object displaced and turned: on a table, where it stands freely, in a random direction of
 its plane and about its normal; fixed until t_F, in any direction; and held by nothing but the hand from the touch on.
 ``soft`` are the simulation's own servos, which forgive while the hand closes and then hold the joints where they are;
-``stiff`` has the gains that hold from the start. ``none`` of the errors is the plan as it is. Counts of what was held,
-with 95 % intervals over all pairs. Writes forgiving.csv beside this file.
+``stiff`` has the gains that hold from the start. ``none`` of the errors is the plan as it is. ``inside``: errors up to
+the tolerance that the plan tells (the share is uniform), ``twice``: of twice that. Counts of what was held, with 95 %
+intervals over all pairs. Writes forgiving.csv beside this file.
 """
 
 from __future__ import annotations
@@ -40,7 +41,10 @@ KINDS = {
     "table_20mm_10deg": ("table", 0.02, 10.0),
     "fixed_5mm": ("fixed", 0.005, 0.0),
     "air_5mm": ("none", 0.005, 0.0),
+    "inside": ("table", 0.0, 0.0),
+    "twice": ("table", 0.0, 0.0),
 }
+TOLD = {"inside": 1.0, "twice": 2.0}  # of the told tolerance
 SERVOS = ("stiff", "soft")
 HOLD, STEP = 0.6, 5e-4
 
@@ -65,7 +69,8 @@ def is_held(plan: pg.GraspPlan, support: str, servo: Servo | None, disturbance: 
 
 def row(name: str, shape: str, errors: int, kinds: list[str], servos: list[str], seed: int) -> dict:
     """Of one hand and one object, how many of its errors were forgiven: ``held/tried``."""
-    found: dict = {"hand": name, "object": shape, "mass_g": "", "status": "", "fingers": "", "seconds": ""}
+    found: dict = dict.fromkeys(("hand", "object", "mass_g", "status", "fingers", "told_mm", "seconds"), "")
+    found |= {"hand": name, "object": shape}
     found |= {f"{kind}_{servo}": "" for kind in kinds for servo in servos} | {"why": ""}
     hand = pg.load_hand(name)
     body, conditions = thing(shape, width(hand)), pg.GraspConditions(mu=MU, table=True)
@@ -79,11 +84,20 @@ def row(name: str, shape: str, errors: int, kinds: list[str], servos: list[str],
     found["fingers"] = len({touch.finger for touch in plan.closure.touches if touch.finger in set(plan.layout.fingers)})
     if plan.status != "ok":
         return found
+    told = plan.with_tolerance().tolerance
+    found["told_mm"] = f"{1e3 * told.distance:.1f}"
     place = list(CATALOGUE).index(name), SHAPES.index(shape)
     for kind in kinds:
         support, away, turn = KINDS[kind]
         rng = np.random.default_rng([seed, *place, list(KINDS).index(kind)])
-        drawn = [draw(support, away, turn, rng) for _ in range(errors if away else 1)]
+        if kind in TOLD:
+            shares = rng.uniform(size=errors) if kind == "inside" else np.ones(errors)
+            sizes = TOLD[kind] * shares * told.distance
+            drawn = [
+                draw(support, size, np.degrees(size / told.asked_distance * told.asked_angle), rng) for size in sizes
+            ]
+        else:
+            drawn = [draw(support, away, turn, rng) for _ in range(errors if away else 1)]
         for servo in servos:
             own = Servo.of(hand) if servo == "stiff" else None
             held = sum(is_held(plan, support, own, one) for one in drawn)

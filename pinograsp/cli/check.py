@@ -97,6 +97,11 @@ class StudyOptions:
         "Besides the six there are stiffness=LOW:HIGH, joint_offset, joint_friction, servo_gain.",
         metavar="NAME=VALUE,...",
     )
+    pose_errors: str | None = _study(
+        "The object N times where it is not said to be: displaced by MM and turned by DEG (5 and 5) in random "
+        "directions, on a table in its plane. How many are held, with the interval; continued as --monte-carlo.",
+        metavar="N[,MM,DEG]",
+    )
     seed: int = _study("Of the random errors.", default=0)
     thresholds: bool = _study(
         "Search for the smallest friction and the largest mass that still hold.", "--thresholds", default=False
@@ -106,6 +111,19 @@ class StudyOptions:
         "--what-holds",
         default=False,
     )
+
+    def read_pose_errors(self) -> tuple[int, Errors] | None:
+        """How often the object is misplaced, and by how much; None: never."""
+        from pinograsp.plan import PoseError
+        from pinograsp.simulation import Errors
+
+        if self.pose_errors is None:
+            return None
+        count, *size = read_numbers("--pose-errors", self.pose_errors, (1, 3))
+        if count != int(count) or not 1 <= count <= _MOST_TRIALS:
+            raise InvalidInput(f"--pose-errors: expected a number of trials from 1 to {_MOST_TRIALS}, got {count:g}")
+        pose = PoseError(distance=1e-3 * size[0], angle=math.radians(size[1])) if size else PoseError()
+        return int(count), Errors.of_pose(pose)
 
     def read_errors(self) -> Errors | None:
         """The sizes of the random errors; None: the default ones."""
@@ -149,6 +167,8 @@ def check(
 
       pinograsp check runs/paper --monte-carlo 5
 
+      pinograsp check runs/paper --pose-errors 12
+
       pinograsp check runs/paper --kp 100 --joint-friction 0.01
 
     Runs are written by 'pinograsp plan'. What each answer means: docs/howto/answers.md
@@ -166,6 +186,7 @@ def check(
         if (place / "plan.json").exists() or place in (run.resolve(), *run.resolve().parents):
             raise InvalidInput(f"--out: expected a folder for the check alone, got '{out}', which holds a run")
         settings, errors, task = trial.settings(plan), studies.read_errors(), Task.of(plan)
+        poses = studies.read_pose_errors()
         disturbance = differences.read(task)
         if studies.monte_carlo and disturbance.summary():
             raise InvalidInput("--monte-carlo: expected no other disturbances, it draws its own")
@@ -176,7 +197,7 @@ def check(
         work = _Work(run, plan, task, disturbance, settings, session)
         lost = not simulation.verdict.held
         results, texts = {}, []
-        for name, study in _run_studies(work, studies, errors, trials, lost):
+        for name, study in _run_studies(work, studies, errors, poses, trials, lost):
             results[name] = study.summary()
             texts.append(study.describe())
             if not session.as_json:
@@ -187,7 +208,7 @@ def check(
         session.print_json({**summary, "folder": str(folder.path)})
     else:
         _print_verdict(simulation, run, folder.path)
-    if summary.get("monte_carlo", {}).get("interrupted"):
+    if any(summary.get(name, {}).get("interrupted") for name in ("monte_carlo", "pose_errors")):
         raise typer.Exit(130)
     if not summary["held"]:
         raise typer.Exit(3)
@@ -225,7 +246,12 @@ class _Work:
 
 
 def _run_studies(
-    work: _Work, studies: StudyOptions, errors: Errors | None, trials: Path, lost: bool
+    work: _Work,
+    studies: StudyOptions,
+    errors: Errors | None,
+    poses: tuple[int, Errors] | None,
+    trials: Path,
+    lost: bool,
 ) -> Iterator[tuple[str, MonteCarlo | Threshold | WhatHolds]]:
     """The requested studies, by name; thresholds are compared with the planner's own margins."""
     from pinograsp.simulation import load_threshold, slip_threshold, what_holds
@@ -233,10 +259,12 @@ def _run_studies(
     if lost and studies.what_holds:
         yield "what_holds", what_holds(work.plan, disturbance=work.disturbance, **work.settings)
     if studies.monte_carlo:
-        study = _draw_trials(work, studies, errors, trials)
+        study = _draw_trials(work, studies.monte_carlo, studies.seed, errors, trials)
         yield "monte_carlo", study
         if study.interrupted:
             return
+    if poses is not None:
+        yield "pose_errors", _draw_trials(work, poses[0], studies.seed, poses[1], trials)
     if studies.thresholds:
         margins, disturbance = work.plan.require_margins(), work.disturbance
         least = float(margins.least_mu.max())
@@ -245,7 +273,7 @@ def _run_studies(
         yield "load_threshold", load_threshold(work.task, planned=factor, disturbance=disturbance, **work.settings)
 
 
-def _draw_trials(work: _Work, studies: StudyOptions, errors: Errors | None, folder: Path) -> MonteCarlo:
+def _draw_trials(work: _Work, count: int, seed: int, errors: Errors | None, folder: Path) -> MonteCarlo:
     """Random trials, kept as they come, so that the same command can continue."""
     import hashlib
     import json
@@ -254,23 +282,21 @@ def _draw_trials(work: _Work, studies: StudyOptions, errors: Errors | None, fold
     from pinograsp.simulation.monte_carlo import FILE
     from pinograsp.writing import list_in
 
-    count, drawn = studies.monte_carlo, Errors() if errors is None else errors
+    drawn = Errors() if errors is None else errors
     if not work.session.as_json:
         kinds = drawn.kinds
-        tell(
-            f"\n{count} trials with each of {', '.join(kinds)}, and {count} with all together: "
-            f"{count * (len(kinds) + 1)} trials"
-        )
+        told = f"{count} trials with each of {', '.join(kinds)}, and {count} with all together: "
+        tell(f"\n{count} misplaced objects" if drawn.pose else f"\n{told}{count * (len(kinds) + 1)} trials")
     plain = {name: value.summary() if isinstance(value, Servo) else value for name, value in work.settings.items()}
     if errors is not None:
         plain["errors"] = errors.summary()
-    key = json.dumps({"seed": studies.seed, "engine": "mujoco", **plain}, sort_keys=True)  # as 0.2.0 did
+    key = json.dumps({"seed": seed, "engine": "mujoco", **plain}, sort_keys=True)  # as 0.2.0 did
     trials = folder / hashlib.sha256(key.encode()).hexdigest()[:8]
     list_in(work.run, trials / FILE)
     return monte_carlo(
         work.task,
         count=count,
-        seed=studies.seed,
+        seed=seed,
         errors=drawn,
         progress=work.session.progress,
         folder=trials,

@@ -252,7 +252,7 @@ def _finish(plan: GraspPlan, folder: NewFolder, session: Session) -> None:
     """Save a plan with its report and figures, print it, and exit with its code."""
     from pinograsp.planner import save_run
 
-    plan = plan.with_margins().with_reach()
+    plan = plan.with_margins().with_reach().with_tolerance()
 
     def extras(path: Path) -> None:
         from pinograsp.report import write_report
@@ -309,6 +309,7 @@ def print_plan(plan: GraspPlan, folder: Path, session: Session) -> None:
             ("search", known["search"]),
             ("friction", known["friction"]),
             ("it withstands", describe_robustness(plan)),
+            *([] if plan.tolerance is None else [("it holds", plan.tolerance.describe())]),
             *remarks[:2],
         ]
         if left := len(remarks[2:]) + len(plan.notes):

@@ -14,8 +14,10 @@ from pinograsp.contacts.compiled import SupportShape, corners_of, joints_of, sup
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.core.threads import share_out
 from pinograsp.hands import HandModel
+from pinograsp.hands.geometry import hull_points
 from pinograsp.objects.body import Body
 from pinograsp.objects.mesh import Mesh
+from pinograsp.objects.mesh_checks import is_convex
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 CORNERS = 4  # of an area, at most
@@ -65,14 +67,15 @@ class BulkScene:
     """A hand and an object, prepared once for any number of postures.
 
     The object is that of its convex parts (:attr:`Mesh.convex_parts <pinograsp.objects.Mesh.convex_parts>`) where these
-    tell what is near, and itself where distances and normals are measured.
+    tell what is near, and itself where distances and normals are measured. With ``surface`` an object that is not
+    convex is its surface alone, which needs no parts; links touch it at points then, not with areas.
 
     Raises:
         ExtraMissing: the compiled core is not installed, or the object is not convex and coacd (extra ``mesh``) is not.
         InvalidInput: a hand without geometry.
     """
 
-    def __init__(self, hand: HandModel, body: Body):
+    def __init__(self, hand: HandModel, body: Body, *, surface: bool = False):
         check_geometry(hand)
         self.hand, self.body = hand, instance_of("body", body, Body)
         self.parts: list[HandPart] = parts_of(hand)
@@ -84,7 +87,7 @@ class BulkScene:
         names = [PALM, *(finger.name for finger in hand.fingers)]
         self.fingers = np.array([names.index(part.finger) if part.finger else -1 for part in self.parts])
         self.collisions = SelfCollisions(hand)
-        self._compiled = self._compile()
+        self.compiled = self._compile(surface)
 
     def contacts(
         self,
@@ -110,7 +113,7 @@ class BulkScene:
 
         def touch(start: int) -> Any:
             some = slice(start, start + _AT_ONCE)
-            return self._compiled.touch(q[some], roots[some], tolerance=tolerance, lean=lean, gravity=gravity_o)
+            return self.compiled.touch(q[some], roots[some], tolerance=tolerance, lean=lean, gravity=gravity_o)
 
         starts = range(0, max(len(q), 1), _AT_ONCE)
         found = share_out(touch, starts, threads)
@@ -139,7 +142,7 @@ class BulkScene:
     def placed_parts(self, q: Array, roots: Array) -> Array:
         """Placements oMp (N, p, 4, 4) of the hand's parts at postures (N, n), the root at ``roots`` (N, 4, 4)."""
         placed = np.zeros((len(q), len(self.parts), 4, 4))
-        self._compiled.place(np.ascontiguousarray(q), np.ascontiguousarray(roots), placed)
+        self.compiled.place(np.ascontiguousarray(q), np.ascontiguousarray(roots), placed)
         return placed
 
     def gaps(self, q: Array, roots: Array, parts: IntArray, reach: float) -> Array:
@@ -148,28 +151,35 @@ class BulkScene:
         Arguments as for :meth:`contacts`.
         """
         found = np.zeros(len(q))
-        self._compiled.gaps(np.ascontiguousarray(q), np.ascontiguousarray(roots), parts, reach, found)
+        self.compiled.gaps(np.ascontiguousarray(q), np.ascontiguousarray(roots), parts, reach, found)
         return found
 
-    def _compile(self) -> Any:
+    def _compile(self, surface: bool) -> Any:
         """Hand and object for the core."""
         model = self.hand.model
         compiled = core.load().Scene(self.hand.n, self.hand.pose, self.body.shape_pose)
         for joint, inertia in zip(joints_of(model), list(model.inertias)[1:]):
             compiled.add_joint(*joint, inertia.mass, inertia.mass * inertia.lever)
         for part, link in zip(self.parts, self.link_of.tolist()):
-            hull, surface = support_shape(part.hull), corners_of(part.geometry)
-            compiled.add_part(part.joint - 1, part.placement.homogeneous, link, *hull, surface)
+            shapes = *support_shape(part.hull), corners_of(part.geometry)
+            compiled.add_part(part.joint - 1, part.placement.homogeneous, link, *shapes)
         for one, other in self.collisions.pairs.tolist():
             compiled.add_pair(one, other)
-        for solid in _solids(self.body):
-            compiled.add_solid(*solid)
-        compiled.put(corners_of(self.body.collision_geometry))
+        geometry = self.body.collision_geometry
+        whole = support_shape(geometry)
+        if whole.points.size:
+            compiled.add_solid(*whole)
+        else:
+            whole = SupportShape(hull_points(geometry), np.zeros(3))
+            for corners in _parts(self.body, surface):
+                compiled.add_solid(corners, np.zeros(3))
+        compiled.enclose(*whole)
+        compiled.put(corners_of(geometry))
         return compiled
 
 
-def _solids(body: Body) -> list[SupportShape]:
-    """Convex shapes in the object's own frame that together are about it."""
-    if isinstance(body, Mesh) and not body.convex:
-        return [SupportShape(corners, np.zeros(3)) for corners in body.convex_parts.corners]
-    return [support_shape(body.collision_geometry)]
+def _parts(body: Body, surface: bool) -> tuple[Array, ...]:
+    """Corners of convex parts that together are about an object; none where its surface stands for it."""
+    if not isinstance(body, Mesh) or (surface and not is_convex(body.vertices, body.faces)):
+        return ()
+    return body.convex_parts.corners

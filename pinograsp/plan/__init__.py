@@ -17,6 +17,7 @@ from pinograsp.plan.parts import (
 )
 from pinograsp.plan.record import PlanFailure, PlanRecord, Proof
 from pinograsp.plan.simulation import History, Simulation, Verdict
+from pinograsp.plan.tolerance import PoseError, PoseTolerance
 
 __all__ = [
     "ComparisonRow",
@@ -33,6 +34,8 @@ __all__ = [
     "PlanMargins",
     "PlanRecord",
     "PlanReserve",
+    "PoseError",
+    "PoseTolerance",
     "Proof",
     "Reach",
     "Simulation",

@@ -28,6 +28,7 @@ from pinograsp.plan.parts import (
     Reach,
 )
 from pinograsp.plan.plain_fields import Plain, by_contact, plain_fields
+from pinograsp.plan.tolerance import PoseTolerance
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array, inverse_of
 from pinograsp.words import by_name, format_number, lines_of
@@ -56,6 +57,7 @@ class PlanRecord:
         reserve: what the forces were planned to withstand besides; None: the load alone.
         margins: what the grasp withstands besides its load; None: not computed.
         reach: the same by direction; None: not computed.
+        tolerance: how far the object may be from where the plan has it; None: not computed.
         cautions: what the plan's promise does not cover, in words: look here before a simulation or a robot does.
         notes: what else there is to know.
         closing: how the hand was closed, as plain values; None: the contacts were given.
@@ -83,6 +85,7 @@ class PlanRecord:
     reserve: PlanReserve | None = None
     margins: PlanMargins | None = None
     reach: Reach | None = None
+    tolerance: PoseTolerance | None = None
     cautions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     closing: Mapping[str, Any] | None = None
@@ -112,6 +115,7 @@ class PlanRecord:
             f"impact at {forces.impact_time:g} s, complete at {forces.final_time:g} s; peak joint effort "
             f"{self.peak_efforts()}; left over {forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m",
             held,
+            "" if self.tolerance is None else f"holds {self.tolerance.describe()}",
             *(f"caution: {one}" for one in self.cautions),
             *(f"note: {one}" for one in self.notes),
         )
@@ -226,6 +230,7 @@ class PlanRecord:
             "grid": None if grid is None else grid.summary(),
             "certificate": None if certificate is None else certificate.summary(),
             "margins": None if self.margins is None else self.margins.summary(names),
+            "tolerance": None if self.tolerance is None else self.tolerance.summary(),
             "closing": None if self.closing is None else dict(self.closing),
             "hand_in_object": None if (placed := self.hand_in_object) is None else placed.tolist(),
             "comparison": [row.summary() for row in self.comparison],

@@ -5,11 +5,13 @@ from pinograsp.planner.best import plan_best
 from pinograsp.planner.grasp_plan import GraspPlan, load_run, save_run
 from pinograsp.planner.options import PlanOptions, Search
 from pinograsp.planner.planning import plan_grasp, plan_grasp_on
+from pinograsp.planner.tolerance import find_tolerance
 
 __all__ = [
     "GraspPlan",
     "PlanOptions",
     "Search",
+    "find_tolerance",
     "load_run",
     "plan_best",
     "plan_grasp",

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp import defaults
+from pinograsp import core, defaults
 from pinograsp.actuation import FACTORS, ForceBand, GainLimit, ObjectStiffness
 from pinograsp.checks import flag, instance_of, one_of, path_of
 from pinograsp.contacts import Closure
-from pinograsp.errors import InvalidInput
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceProblem, ForceSolution, GraspConditions, Reaction
 from pinograsp.handover import (
     Command,
@@ -30,11 +30,14 @@ from pinograsp.handover.trajectory import check_model_options
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
-from pinograsp.plan import PlanFailure, PlanRecord, Simulation
+from pinograsp.plan import PlanFailure, PlanRecord, PoseError, Simulation
+from pinograsp.plan.tolerance import ASKS_MUCH, LEAST
 from pinograsp.planner.compliance import describe_band, find_band, find_gains, stiffness_of
 from pinograsp.planner.margins import find_margins, find_reach, margin_cautions
+from pinograsp.planner.tolerance import find_tolerance
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
+from pinograsp.words import format_number
 from pinograsp.writing import NewFolder
 
 if TYPE_CHECKING:
@@ -83,6 +86,19 @@ class GraspPlan(PlanRecord):
     def with_reach(self) -> GraspPlan:
         """The same plan with the forces that may come on top of the load, by direction; a second or two."""
         return self if self.reach is not None else replace(self, reach=find_reach(self.solution, self._reaction()))
+
+    def with_tolerance(self, error: PoseError | None = None) -> GraspPlan:
+        """The same plan with how far its object may be from where it is planned, and a caution where that is less than
+        3 mm: see :func:`~pinograsp.planner.find_tolerance`. Of a plan that is not ``OK``, or of given contacts, or
+        without the compiled core, the plan as it is.
+        """
+        known = self.tolerance is not None and error is None
+        if known or self.status is not Status.OK or self.closure is None or not core.is_installed():
+            return self
+        found = find_tolerance(self, error)
+        others = [one for one in self.cautions if not one.startswith(ASKS_MUCH)]
+        small = (f"{ASKS_MUCH} {format_number(1e3 * LEAST, 2)} mm: {found.describe()}",) if found.is_small else ()
+        return replace(self, tolerance=found, cautions=(*others, *small))
 
     def force_band(self, stiffness: ArrayLike | None = None, factors: ArrayLike = FACTORS) -> ForceBand:
         """The forces that come where the contacts are ``factors`` times as stiff as planned (s,), 1/5 to 20 times.

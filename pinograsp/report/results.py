@@ -46,6 +46,7 @@ def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> 
             "What does it withstand?",
             _sentence(f"{describe_robustness(plan)}; reserve planned: {planned_reserve(plan.reserve)}"),
         ),
+        *_tolerance(plan),
         Finding(
             "How hard?", f"{total:.2f} N of normal force in all: {each}; at most {plan.peak_efforts()} at a joint."
         ),
@@ -96,6 +97,17 @@ def summarize(plan: PlanRecord, simulation: Simulation | None = None) -> list[tu
         ("status", str(plan.status)),
     ]
     return [(printable(what), printable(value, LONGEST)) for what, value in lines]
+
+
+def _tolerance(plan: PlanRecord) -> list[Finding]:
+    found = plan.tolerance
+    if found is None:
+        return []
+    asked = (
+        f"{format_number(1e3 * found.asked_distance, 2)} mm and {format_number(math.degrees(found.asked_angle), 2)} deg"
+    )
+    text = f"It holds {found.describe()}; of {found.count} errors of {asked} it keeps {100 * found.kept:.0f} %."
+    return [Finding("How exactly must the object be there?", text, "caution" if found.is_small else "yes")]
 
 
 def list_details(plan: PlanRecord) -> list[tuple[str, str]]:

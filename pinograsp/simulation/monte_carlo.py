@@ -76,8 +76,8 @@ class MonteCarlo:
         seed: of the random numbers.
         held: counts by error, and ``"together"``.
         rows: the trials; ``drawn`` holds position [m], rotation [rad], friction (factor or mu), mass (factor), posture
-            [rad or m], push [N], stiffness (factor), joint_offset [rad or m], joint_friction [N m or N] and servo_gain
-            (factor).
+            [rad or m], push [N], stiffness (factor), joint_offset [rad or m], joint_friction [N m or N], servo_gain
+            (factor) and pose (displacement [m] and rotation vector [rad]).
         settings: of the simulations.
         interrupted: whether Ctrl-C stopped the study; the rows are those until then.
         elapsed: [s].
@@ -158,7 +158,8 @@ def monte_carlo(
     folder: str | Path | None = None,
     **settings: Unpack[StudySettings],
 ) -> MonteCarlo:
-    """Simulate a plan with random errors: ``count`` trials with each error alone, and ``count`` with all together.
+    """Simulate a plan with random errors: ``count`` trials with each error alone, and ``count`` with all together; of
+    poses alone (:meth:`Errors.of_pose`) ``count`` in all.
 
     Args:
         plan: as for :func:`~pinograsp.simulation.simulate`.
@@ -197,7 +198,7 @@ def monte_carlo(
         "plan": _identify(task),
     }
     log = TrialLog(file, header)
-    names = (*errors.kinds, TOGETHER)
+    names = errors.kinds if errors.kinds == ("pose",) else (*errors.kinds, TOGETHER)
     wanted = [(name, trial) for name in names for trial in range(count)]
     todo = [key for key in wanted if key not in log.rows]
     with log, _bar(len(wanted), len(todo), progress) as bar, share_case(task, options, jobs) as case:

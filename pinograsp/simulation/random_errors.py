@@ -9,10 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pinograsp.checks import array_of, brief, floats_of, number
+from pinograsp.checks import array_of, brief, floats_of, instance_of, number
 from pinograsp.errors import InvalidInput
+from pinograsp.plan import PoseError
 from pinograsp.simulation.settings import Disturbance, Push
 from pinograsp.simulation.task import Task
+from pinograsp.spatial import Array
 
 TOGETHER = "together"
 _ARM = 0.03  # [m] motion of a sliding joint that compares with one radian of a turning joint, as for the servos
@@ -45,6 +47,8 @@ class Errors:
             radian.
         joint_friction: largest dry friction of the joints [N m]; for sliding joints of a force 30 mm from its axis.
             Each is uniform from 0.
+        pose: the object displaced and turned by just so much, in a random direction: along its table and about the
+            table's normal, where the plan has one; None: it is not.
         servo_gain: relative standard deviation of the servos' gains, the same factor for all joints [-]; it is at least
             a hundredth.
     """
@@ -59,12 +63,14 @@ class Errors:
     joint_offset: float = 0.0
     joint_friction: float = 0.0
     servo_gain: float = 0.0
+    pose: PoseError | None = None
 
     __repr__ = brief()
 
     def __post_init__(self) -> None:
         kept: float | tuple[float, ...]
-        for field in fields(self):
+        instance_of("error of pose", self.pose, PoseError, type(None))
+        for field in fields(self)[:-1]:
             name, value = field.name, getattr(self, field.name)
             several = name in _SEVERAL and not isinstance(value, Real)
             if several and floats_of(f"error of {name}", value).ndim:
@@ -80,6 +86,11 @@ class Errors:
                 if name == "stiffness" and kept:
                     raise InvalidInput(f"error of stiffness: expected a pair of factors, or 0, got {kept:g}")
             object.__setattr__(self, name, kept)
+
+    @classmethod
+    def of_pose(cls, pose: PoseError) -> Errors:
+        """Errors of the object's pose alone."""
+        return cls(position=0.0, rotation=0.0, friction=0.0, mass=0.0, posture=0.0, push=0.0, pose=pose)
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -121,6 +132,9 @@ def draw_errors(task: Task, errors: Errors, seed: int, name: str, trial: int) ->
         drawn[kind] = np.asarray(value).tolist()
         if kind == "friction" and not isinstance(errors.friction, tuple):
             mu_factor = float(value)
+        elif kind == "pose":
+            given["object_offset"] = given.get("object_offset", 0.0) + value[:3]
+            given["object_turn"] = given.get("object_turn", 0.0) + value[3:]
         elif kind == "push":
             given["pushes"] = (Push(wrench_o=np.concatenate([value, np.zeros(3)])),)
         else:
@@ -140,6 +154,8 @@ _FIELDS = {
 
 def _draw(kind: str, size: Any, rng: np.random.Generator, task: Task) -> Any:
     """One random error of a kind, a number or an array."""
+    if kind == "pose":
+        return _draw_pose(size, rng, task)
     if kind in ("position", "rotation"):
         return rng.normal(size=3) * size
     if kind == "friction":
@@ -158,8 +174,20 @@ def _draw(kind: str, size: Any, rng: np.random.Generator, task: Task) -> Any:
     return rng.normal(size=task.hand.n) * size * np.where(slides, _ARM, 1.0)
 
 
-def word_size(name: str, value: float | tuple[float, ...]) -> str:
+def _draw_pose(size: PoseError, rng: np.random.Generator, task: Task) -> Array:
+    """Displacement and rotation vector (6,) [m, rad] of an object that is displaced and turned."""
+    way, axis = (one / np.linalg.norm(one) for one in rng.normal(size=(2, 3)))
+    if task.on_table:
+        up = -task.gravity_o / np.linalg.norm(task.gravity_o)
+        way, axis = way - (way @ up) * up, np.copysign(1.0, axis @ up) * up
+        way /= np.linalg.norm(way)
+    return np.concatenate([size.distance * way, size.angle * axis])
+
+
+def word_size(name: str, value: float | tuple[float, ...] | PoseError) -> str:
     """The size of an error in words."""
+    if isinstance(value, PoseError):
+        return f"{1e3 * value.distance:.3g} mm and {math.degrees(value.angle):.3g} deg, in any direction"
     if name == "friction" and isinstance(value, tuple):
         return f"mu from {value[0]:g} to {value[1]:g}"
     if name == "stiffness" and isinstance(value, tuple):

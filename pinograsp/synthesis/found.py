@@ -38,6 +38,7 @@ from pinograsp.words import lines_of
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
 FINGERS = 3  # that are to take part, where a hand has so many and enough grasps of so many hold
+ROOMS = (0.0025, 0.005, 0.0075, 0.01)  # [m] of the open hand about the object: sizes that count
 SOUND = 2  # rank of a grasp that withstands the reserve on contacts that are sure
 # What a squeeze of the first rank may sum up to, and one that is not refined further: times the weight, or newtons per
 # contact.
@@ -66,6 +67,8 @@ class FoundGrasp:
         load_factor: largest multiple of the load that can be held at that impact time.
         fingers: that touch, beside the palm.
         wanted_fingers: more of them rank no higher.
+        room: how far the object may be displaced, along its table or anywhere, before the open hand is in its way [m],
+            as far as that counts; 0 of power grasps.
     """
 
     pose: Array
@@ -79,6 +82,7 @@ class FoundGrasp:
     load_factor: float
     fingers: int
     wanted_fingers: int
+    room: float = 0.0
 
     __repr__ = brief()
     _repr_html_ = in_notebook
@@ -114,14 +118,16 @@ class FoundGrasp:
         return self.squeeze <= max(times * float(np.linalg.norm(problem.load[:3])), _CRUMB * problem.k)
 
     @property
-    def worth(self) -> tuple[int, int, float, float, float]:
+    def worth(self) -> tuple[float, ...]:
         """Of two grasps the one of which this is larger ranks first: by the fingers that take part, up to those wanted,
-        since two soft fingertips need the least squeeze and nobody holds things so; then by the least squeeze that
-        withstands the reserve; without one, since the cheapest balance is a cradle, by what they withstand in the
-        weakest direction per newton.
+        since two soft fingertips need the least squeeze and nobody holds things so; then those that press gently; then
+        by the room for an object that is not quite where it is said to be; then by the least squeeze that withstands
+        the reserve; without one, since the cheapest balance is a cradle, by what they withstand in the weakest
+        direction per newton.
         """
         fingers = min(self.fingers, self.wanted_fingers)
-        return self.sound, fingers, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
+        order = (self.sound, fingers, self._within(_GENTLE), self.room if self.withstands else 0.0)
+        return *order, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
 
 
 def hold(

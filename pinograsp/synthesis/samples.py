@@ -8,19 +8,22 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from pinograsp import core
 from pinograsp.contacts import (
     Closure,
     clearance,
     close_hand,
 )
+from pinograsp.contacts.bulk import BulkScene
 from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.errors import PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hulls
 from pinograsp.objects.body import Body, tangents
+from pinograsp.plan.tolerance import PoseError
 from pinograsp.spatial import Array, cross
-from pinograsp.synthesis.found import FoundGrasp, hold
+from pinograsp.synthesis.found import ROOMS, FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centre_on
 from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refine
 from pinograsp.synthesis.seeds import Pairs, Region, find_pairs
@@ -37,6 +40,7 @@ _ENOUGH = 24  # of them
 _NEAREST = 12  # preshapes nearest in width to a pair, of which one is taken
 _EXACT = 3  # samples of a batch, at most, that the full program is asked about
 _DEEP = 0.6  # of the samples lie deeper than between the fingertips
+_AROUND = 8  # directions along a table in which an object may be displaced; twice as many without one
 _ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
 _TRIES, _MOST_TRIES = 5, 20  # motions that are tried of the best of a batch, and as long as it is not gentle
 _MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of the object's radius, of ranges; angle
@@ -44,7 +48,9 @@ _MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchCase:
-    """What all samples of a search have in common; ``rough`` is the hand with its meshes' convex hulls."""
+    """What all samples of a search have in common; ``rough`` is the hand with its meshes' convex hulls, which is in
+    ``scene`` with the object as well.
+    """
 
     hand: HandModel
     rough: HandModel
@@ -55,6 +61,7 @@ class SearchCase:
     preshapes: tuple[Preshape, ...]
     pairs: Pairs
     table: SupportPlane | None
+    scene: BulkScene | None
     region: Region | None = None
     least_fingers: int | None = None
 
@@ -89,6 +96,7 @@ def make_search_case(
         preshapes=tuple(good),
         pairs=find_pairs(body, rng, region),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
+        scene=scene_of(rough, body),
         region=region,
         least_fingers=least_fingers,
     )
@@ -97,6 +105,11 @@ def make_search_case(
 def hand_of_hulls(hand: HandModel) -> HandModel:
     """The hand with its meshes' convex hulls."""
     return replace(hand, geometry=hulls(hand.geometry))
+
+
+def scene_of(rough: HandModel, body: Body) -> BulkScene | None:
+    """Hand and object for the compiled core; None without it."""
+    return BulkScene(rough, body, surface=True) if core.is_installed() else None
 
 
 def _usable(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:
@@ -194,11 +207,31 @@ def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried
     outcome, grasp = hold(
         closure, case.conditions, impact_time=case.impact_time, quick=quick, least_fingers=case.least_fingers
     )
+    if grasp is not None:
+        grasp = replace(grasp, room=_find_room(case, grasp.pose, posed.opened))
     touching = [touch for touch in closure.touches if touch.finger]
     if grasp is not None or len(touching) < 2:
         return Tried(outcome, grasp)
     _, imbalance = balance(*(np.array([getattr(one, at) for one in touching]) for at in ("point_o", "normal_o")))
     return Tried(outcome, imbalance=imbalance)
+
+
+def _find_room(case: SearchCase, pose: Array, opened: Array) -> float:
+    """How far the object may be displaced before the open hand, placed at a pose (4, 4), is in its way [m]."""
+    if case.scene is None or case.wrap:
+        return 0.0
+    table, scene = case.table, case.scene
+    error = PoseError(distance=1.0, angle=0.0, count=_AROUND if table else 2 * _AROUND)
+    ways, _ = error.spread(None if table is None else table.up_o)
+    roots = np.tile(pose, (len(ways), 1, 1))
+    q, parts = np.tile(opened, (len(ways), 1)), np.arange(len(scene.parts))
+    room = 0.0
+    for size in ROOMS:
+        roots[:, :3, 3] = pose[:3, 3] - size * ways
+        if scene.gaps(q, roots, parts, _ON).min() < _ON:
+            break
+        room = size
+    return room
 
 
 def _closure(case: SearchCase, posed: Posed) -> Closure:

@@ -41,7 +41,7 @@ from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.synthesis.found import SOUND, FoundGrasp
 from pinograsp.synthesis.near import what_would_do, wider_conditions
-from pinograsp.synthesis.samples import Batch, SearchCase, hand_of_hulls, make_batch, make_search_case
+from pinograsp.synthesis.samples import Batch, SearchCase, hand_of_hulls, make_batch, make_search_case, scene_of
 from pinograsp.synthesis.seeds import Region
 from pinograsp.writing import write_errors
 
@@ -343,7 +343,7 @@ def _in_a_file(case: SearchCase, path: Path) -> str:
     import cloudpickle
 
     try:
-        content = cloudpickle.dumps(replace(case, rough=case.hand))  # hulls are found again there
+        content = cloudpickle.dumps(replace(case, rough=case.hand, scene=None))  # found again there
     except (pickle.PicklingError, TypeError, AttributeError) as error:
         raise InvalidInput(
             f"find_grasps: hand, object or conditions cannot go to other processes ({error}): use jobs=1"
@@ -356,7 +356,8 @@ def _in_a_file(case: SearchCase, path: Path) -> str:
 @functools.lru_cache(maxsize=1)
 def _case(path: str) -> SearchCase:
     case: SearchCase = pickle.loads(Path(path).read_bytes())
-    return replace(case, rough=hand_of_hulls(case.hand))
+    rough = hand_of_hulls(case.hand)
+    return replace(case, rough=rough, scene=scene_of(rough, case.body))
 
 
 def _try(case: SearchCase | str, seed: np.random.SeedSequence, size: int) -> Batch | Exception:

@@ -544,6 +544,44 @@ Body surface_of(const Numbers& triangles) {
     return Body(std::move(pieces));
 }
 
+// How a hand closes, as pinograsp.contacts.bulk has it: commands (3, rows, n), gains (6, n), steps (4), and the
+// object's inertia (3, 3), centre and gravity (5, 3).
+struct ClosingGiven {
+    Numbers commands, gains, object, stiffness, root;
+    Indices steps;
+    double step, mass, mu, torsion;
+    bool on_table;
+
+    ClosingCourse course(std::size_t n) const {
+        ClosingCourse found;
+        need(n > 0 && commands.size() % (3 * n) == 0 && commands.size() > 0, "commands");
+        found.rows = commands.size() / (3 * n);
+        need(steps.size() == 4, "steps");
+        for (int i = 0; i < 4; ++i) need(steps.data()[i] >= 0 && steps.data()[i] <= 100000, "steps");
+        found.steps = static_cast<int>(steps.data()[0]), found.freed = static_cast<int>(steps.data()[1]);
+        found.complete = static_cast<int>(steps.data()[2]), found.settled = static_cast<int>(steps.data()[3]);
+        need_number(step, true, "step");
+        found.step = step;
+        found.q = finite(commands, commands.size(), "commands");
+        found.dq = found.q + found.rows * n, found.effort = found.dq + found.rows * n;
+        found.soft = sized(gains, 6 * n, "gains"), found.soft_damping = found.soft + n;
+        found.stiff = found.soft + 2 * n, found.damping = found.soft + 3 * n;
+        found.inertia = found.soft + 4 * n, found.limit = found.soft + 5 * n;
+        return found;
+    }
+
+    Grasped grasped(std::size_t parts) const {
+        need_number(mass, true, "mass"), need_number(mu, false, "mu"), need_number(torsion, false, "torsion");
+        Grasped found;
+        found.mass = mass, found.mu = mu, found.torsion = torsion, found.on_table = on_table;
+        const double* own = finite(object, 15, "object");
+        std::copy_n(own, 9, found.inertia.begin());
+        found.centre = triple_of(own + 9), found.gravity = triple_of(own + 12);
+        found.stiffness = finite(stiffness, parts, "stiffness"), found.root = frame_of(root);
+        return found;
+    }
+};
+
 // A hand's joints and parts, and an object, added one by one.
 struct Scene {
     TouchScene own;
@@ -583,6 +621,15 @@ struct Scene {
         own.solids.emplace_back(solid_of(points, radii));
     }
 
+    // The object's own surface, after its solids; without any it stands for them.
+    void put(Numbers triangles) {
+        own.surface = surface_of(triangles);
+        if (own.solids.empty()) own.solids.push_back(own.surface);
+    }
+
+    // The object's convex hull.
+    void enclose(Numbers points, Numbers radii) { own.hull = solid_of(points, radii); }
+
     // How many postures (N, n) there are, with the hand's root at roots (N, 4, 4).
     std::size_t postures_of(const Numbers& q, const Numbers& roots) const {
         const std::size_t count = roots.size() / 16;
@@ -614,6 +661,24 @@ struct Scene {
         Toucher toucher(own);
         for (std::size_t i = 0; i < count; ++i)
             gaps.data()[i] = toucher.gap(q.data() + i * own.inputs, frame_at(roots.data() + 16 * i), chosen, reach);
+    }
+
+    // Closes the hand on the object at places (N, 4, 4) away from where it is planned; fills outcomes (N, 5).
+    void close(const ClosingGiven& given, Numbers places, Written outcomes) const {
+        const std::size_t n = own.inputs, count = places.size() / 16;
+        need(places.size() == 16 * count && outcomes.size() == 5 * count, "places, outcomes");
+        finite(places, places.size(), "places");
+        need(!own.solids.empty() && !own.hull.empty(), "solids, hull");
+        const ClosingCourse course = given.course(n);
+        const Grasped grasped = given.grasped(own.parts.size());
+        nb::gil_scoped_release released;
+        Closer closer(own, course, grasped);
+        for (std::size_t i = 0; i < count; ++i) {
+            const ClosingOutcome found = closer.close(frame_at(places.data() + 16 * i));
+            double* to = outcomes.data() + 5 * i;
+            to[0] = found.overlap, to[1] = found.moved, to[2] = found.turned, to[3] = found.crept;
+            to[4] = found.pushed;
+        }
     }
 
     // Fills placements (N, p, 4, 4), zeros before.
@@ -795,17 +860,28 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     indices("counts", &Touches::counts);
     indices("collision", &Touches::collision);
     indices("failed", &Touches::failed);
+    nb::class_<ClosingGiven>(m, "ClosingGiven")
+        .def(
+            "__init__",
+            [](ClosingGiven* own, Numbers commands, Numbers gains, Numbers object, Numbers stiffness, Numbers root,
+               Indices steps, double step, double mass, double mu, double torsion, bool on_table) {
+                new (own)
+                    ClosingGiven{commands, gains, object, stiffness, root, steps, step, mass, mu, torsion, on_table};
+            },
+            nb::kw_only(), "commands"_a, "gains"_a, "object"_a, "stiffness"_a, "root"_a, "steps"_a, "step"_a, "mass"_a,
+            "mu"_a, "torsion"_a, "on_table"_a);
     nb::class_<Scene>(m, "Scene")
         .def(nb::init<std::int64_t, Numbers, Numbers>(), "inputs"_a, "root"_a, "object_pose"_a)
         .def("add_joint", &Scene::add_joint, "parent"_a, "input"_a, "frame"_a, "screw"_a, "mass"_a, "moment"_a)
         .def("add_part", &Scene::add_part, "joint"_a, "frame"_a, "link"_a, "points"_a, "radii"_a, "triangles"_a)
         .def("add_pair", &Scene::add_pair, "one"_a, "other"_a)
         .def("add_solid", &Scene::add_solid, "points"_a, "radii"_a)
-        .def(
-            "put", [](Scene& own, Numbers triangles) { own.own.surface = surface_of(triangles); }, "triangles"_a)
+        .def("put", &Scene::put, "triangles"_a)
+        .def("enclose", &Scene::enclose, "points"_a, "radii"_a)
         .def("touch", &Scene::touch, "q"_a, "roots"_a, nb::kw_only(), "tolerance"_a, "lean"_a, "gravity"_a)
         .def("gaps", &Scene::gaps, "q"_a, "roots"_a, "parts"_a, "reach"_a, "gaps"_a)
-        .def("place", &Scene::place, "q"_a, "roots"_a, "placed"_a);
+        .def("place", &Scene::place, "q"_a, "roots"_a, "placed"_a)
+        .def("close", &Scene::close, "given"_a, "places"_a, "outcomes"_a);
     m.def("solve_batch", &batch, "start"_a, "stop"_a, nb::kw_only(), "components"_a, "round"_a, "rows"_a, "torsion"_a,
           "squares"_a, "points"_a, "rotations"_a, "counts"_a, "loads"_a, "mu"_a, "low"_a, "high"_a, "arms"_a, "terms"_a,
           "forces"_a, "moments"_a, "objective"_a, "lower_bound"_a, "residual"_a, "violation"_a, "codes"_a);

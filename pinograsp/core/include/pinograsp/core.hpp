@@ -3,6 +3,7 @@
 
 #include "core/approach.hpp"
 #include "core/batch.hpp"
+#include "core/closing.hpp"
 #include "core/forces.hpp"
 #include "core/multipliers.hpp"
 #include "core/online.hpp"

@@ -39,8 +39,9 @@ struct TouchScene {
     std::vector<Load> loads;    // of the joints
     std::vector<PartOfHand> parts;
     std::vector<std::array<int, 2>> pairs;  // of parts that may hit each other
-    std::vector<Body> solids;               // convex each, together about the object
+    std::vector<Body> solids;               // convex each, together about the object; or its surface alone
     Body surface;                           // the object's own, where that is not the one solid
+    Solid hull;                             // the object's convex hull, of which a table bears the lowest points
     Frame root, object;                     // the hand as the first joints' frames have it; the object's shape
 };
 
@@ -49,11 +50,19 @@ struct Touches {
     std::size_t grasps = 0;
     std::vector<std::int64_t> grasp, part, counts, collision, failed;
     std::vector<double> gap, points, normals, corners, leaning, jacobians, depth, gravity;
+
+    void clear() {
+        grasps = 0;
+        for (auto* one : {&grasp, &part, &counts, &collision, &failed}) one->clear();
+        for (auto* one : {&gap, &points, &normals, &corners, &leaning, &jacobians, &depth, &gravity}) one->clear();
+    }
 };
 
 struct TouchOptions {
     double tolerance, lean;  // [m], [rad]
     Triple gravity;
+    double deepest = tolerance;  // [m] what is farther inside is no touch
+    bool collisions = true;      // of the hand with itself: whether they are looked for
 };
 
 // Finds touches, with memory of its own.
@@ -80,14 +89,14 @@ public:
             WayOut way = measure_touch(best);
             failed = failed || !way.found;
             if (!way.found || !(way.gap <= options.tolerance)) continue;
-            if (way.gap < -options.tolerance)
+            if (way.gap < -options.deepest)
                 depth = std::max(depth, -way.gap);
             else
                 note(grasp, best, way, options.lean, found);
         }
         found.depth.push_back(depth);
         found.failed.push_back(failed);
-        found.collision.push_back(find_collision());
+        found.collision.push_back(options.collisions ? find_collision() : -1);
         bear(options.gravity, found.gravity);
     }
 

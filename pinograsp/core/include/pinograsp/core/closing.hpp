@@ -1,0 +1,410 @@
+// Hands that close on an object which is not where it was planned.
+//
+// The motors follow their commands as servos, within their limits; what touches presses as springs with friction, and
+// so does a table. Steps are implicit (Euler, the contacts linearised), so that they may be long: light links and stiff
+// springs settle within one. All is seen from the object, as if that stayed where it was planned and the world moved.
+#pragma once
+
+#include "algebra.hpp"
+#include "touch.hpp"
+
+namespace pinograsp::core {
+inline namespace PINOGRASP_CORE_LEVEL {
+
+// What the joints (n) are told, a row per step, of which the last stays; servos before and from the step `settled`.
+struct ClosingCourse {
+    std::size_t rows = 0;
+    int steps = 0, freed = 0, complete = 0, settled = 0;  // the object is free from a step on; the table leaves; servos
+    double step = 0.0;                                    // [s]
+    const double *q = nullptr, *dq = nullptr, *effort = nullptr;                                  // (rows, n)
+    const double *soft = nullptr, *soft_damping = nullptr, *stiff = nullptr, *damping = nullptr;  // gains (n)
+    const double *inertia = nullptr, *limit = nullptr;                                            // of the motors (n)
+};
+
+// The object, where it is planned, and its contacts.
+struct Grasped {
+    double mass = 0.0, mu = 0.0, torsion = 0.0;  // [kg], [-], [m]
+    std::array<double, 9> inertia{};
+    Triple centre{}, gravity{};
+    bool on_table = false;
+    const double* stiffness = nullptr;  // of the hand's parts (p) [N/m]
+    Frame root;                         // of the hand
+};
+
+// What came of it: how deep the open hand overlaps the object, how far that moved after the grasp was complete and
+// turned, how far it moved in the last half of the hold, and in all before.
+struct ClosingOutcome {
+    double overlap = 0.0, moved = 0.0, turned = 0.0, crept = 0.0, pushed = 0.0;
+};
+
+class Closer {
+public:
+    Closer(const TouchScene& scene, const ClosingCourse& course, const Grasped& object)
+        : scene_(scene),
+          toucher_(scene),
+          course_(course),
+          object_(object),
+          n_(scene.inputs),
+          m_(scene.inputs + 6),
+          shear_(scene.parts.size()),
+          spin_(scene.parts.size()),
+          q_(n_),
+          rates_(n_),
+          ahead_(n_),
+          y_(m_),
+          right_(m_),
+          base_(m_),
+          rhs_(m_),
+          matrix_(m_ * m_) {}
+
+    // With the object moved by a frame of the world from where it is planned.
+    ClosingOutcome close(const Frame& away) {
+        begin(away);
+        ClosingOutcome found;
+        Frame let_go = world_, half = world_;
+        const int middle = (course_.settled + course_.steps) / 2;
+        for (int s = 0; s < course_.steps; ++s) {
+            if (s == course_.settled) {
+                let_go = world_;
+                found.pushed = length(at(world_) - at(away));
+                if (s > 0) settle(s);
+            }
+            if (s == middle) half = world_;
+            look();
+            if (s == 0)
+                for (double gap : touches_.gap) found.overlap = std::max(found.overlap, -gap);
+            if (s == 0 && !touches_.depth.empty()) found.overlap = std::max(found.overlap, touches_.depth[0]);
+            step(s);
+            if (s >= course_.complete && !(length(at(world_) - at(away)) < gone)) {
+                found.moved = found.crept = gone;
+                return found;
+            }
+        }
+        found.moved = length(at(world_) - at(let_go));
+        found.turned = angle(let_go.inverse() * world_);
+        found.crept = length(at(world_) - at(half));
+        return found;
+    }
+
+private:
+    static constexpr double near = 3e-3, deep = 2e-2;       // [m] of the surface: what may touch in a step
+    static constexpr double sink = 1e-4, bearing = 2e-3;    // [m] into the table; above it, what may touch it
+    static constexpr double shearing = 2.0;                 // of the normal stiffness
+    static constexpr double table_shear = 5e4;              // [N/m]
+    static constexpr double least_arm = 1e-3, gone = 0.05;  // [m]
+    static constexpr double most_turn = 0.2;                // [rad] in a step; [m] as well
+    static constexpr double lean = 0.1;                     // [rad] of faces that press as areas
+    static constexpr double tilt = 0.3;                     // [rad] of what the table may bear
+    static constexpr int around = 16, rounds = 6;
+    static constexpr double alike = 1e-7;  // [m, rad] change of a step that ends its rounds
+
+    // Rows of a place that touches, one after the other: normals, two across, one that turns.
+    struct Patch {
+        int first = 0, normals = 0;
+        double stiffness = 0.0, shear = 0.0, spin = 0.0;  // of each normal; of the others [N/m, N m/rad]
+        double mu = 0.0, turning = 0.0;                   // limits per newton [-], [m]
+        double force[3]{};                                // of the last three, before the step
+        double trial[3]{}, share[3]{};
+        Triple x{}, y{};
+        int part = -1;  // of the hand; -1: the table
+    };
+
+    Triple at(const Frame& world) const { return world.act(object_.centre); }
+
+    static double angle(const Frame& frame) {
+        const double c = 0.5 * (frame.R[0] + frame.R[4] + frame.R[8] - 1.0);
+        return std::acos(std::min(1.0, std::max(-1.0, c)));
+    }
+
+    void begin(const Frame& away) {
+        world_ = away;
+        touched_ = false;
+        speed_ = turning_ = table_shear_ = {};
+        table_spin_ = 0.0;
+        std::copy(course_.q, course_.q + n_, q_.begin());
+        std::fill(rates_.begin(), rates_.end(), 0.0);
+        std::fill(ahead_.begin(), ahead_.end(), 0.0);
+        std::fill(shear_.begin(), shear_.end(), Triple{});
+        std::fill(spin_.begin(), spin_.end(), 0.0);
+        soft_ = true;
+        const double size = length(object_.gravity);
+        up_ = size > 0.0 ? (-1.0 / size) * object_.gravity : Triple{0.0, 0.0, 1.0};
+        height_ = 0.0;
+        height_ = dot(up_, world_.act(farthest(world_.turn_back(-1.0 * up_))));
+    }
+
+    // From here on the joints are held where they are.
+    void settle(int s) {
+        soft_ = false;
+        const double* told = row(course_.q, s);
+        for (int i = 0; i < n_; ++i)
+            if (course_.soft[i] < course_.stiff[i]) ahead_[i] = q_[i] - told[i];
+    }
+
+    const double* row(const double* rows, int s) const {
+        return rows + std::min<std::size_t>(s + 1, course_.rows - 1) * n_;
+    }
+
+    void look() {
+        touches_.clear();
+        toucher_.touch(q_.data(), world_.inverse() * object_.root,
+                       {near, lean, world_.turn_back(object_.gravity), deep, false}, touches_);
+    }
+
+    // The object's point farthest along a direction.
+    Triple farthest(const Triple& along) const {
+        return scene_.object.act(scene_.hull.farthest(scene_.object.turn_back(along)));
+    }
+
+    void step(int s) {
+        const bool fixed = s < course_.freed, stands = object_.on_table && s < course_.complete;
+        const std::size_t count = touches_.part.size();
+        touched_ = touched_ || count > 0;
+        if (!touched_ && (fixed || stands)) {
+            std::copy_n(row(course_.q, s), n_, q_.begin());
+            return;
+        }
+        set_base(s, fixed);
+        rows_.clear(), gaps_.clear(), patches_.clear();
+        for (std::size_t t = 0; t < count; ++t) add_touch(t);
+        if (stands && !fixed) add_table();
+        std::fill(y_.begin(), y_.end(), 0.0);
+        for (int i = 0; i < rounds; ++i)
+            if (press(fixed) < alike) break;
+        weigh();
+        move(fixed);
+    }
+
+    // Motors and inertia: base_ (m) on the diagonal, the object's inertia apart.
+    void set_base(int s, bool fixed) {
+        const double h = course_.step;
+        const double *told = row(course_.q, s), *rate = row(course_.dq, s), *effort = row(course_.effort, s);
+        const double* kp = soft_ ? course_.soft : course_.stiff;
+        const double* kd = soft_ ? course_.soft_damping : course_.damping;
+        for (int i = 0; i < n_; ++i) {
+            const double drive = kp[i] * (told[i] + ahead_[i] - q_[i]) + effort[i] + kd[i] * rate[i];
+            const double limit = course_.limit[i], inertia = course_.inertia[i];
+            const bool free = std::fabs(drive) < limit;
+            base_[i] = (free ? kp[i] : 0.0) + kd[i] / h + inertia / (h * h);
+            right_[i] = std::min(limit, std::max(-limit, drive)) - touches_.gravity[i] + inertia * rates_[i] / h;
+        }
+        const Triple down = world_.turn_back(object_.gravity), turning = turned(turning_);
+        for (int i = 0; i < 3; ++i) {
+            base_[n_ + i] = object_.mass / (h * h), base_[n_ + 3 + i] = 0.0;
+            right_[n_ + i] = fixed ? 0.0 : object_.mass * (speed_[i] / h + down[i]);
+            right_[n_ + 3 + i] = fixed ? 0.0 : turning[i] / h;
+        }
+    }
+
+    Triple turned(const Triple& by) const { return Frame{object_.inertia, {}}.turn(by); }
+
+    // A row of how the hand's point `at` comes nearer to the object along a direction; -1: a point that stays.
+    void add_row(std::int64_t touch, const Triple& along, const Triple& at) {
+        const std::size_t start = rows_.size();
+        rows_.resize(start + m_, 0.0);
+        double* to = rows_.data() + start;
+        if (touch >= 0) {
+            const double* jacobian = touches_.jacobians.data() + 6 * n_ * touch;
+            const Triple arm = cross(at - triple(touches_.points, touch), along);
+            for (int j = 0; j < n_; ++j)
+                for (int x = 0; x < 3; ++x)
+                    to[j] += along[x] * jacobian[x * n_ + j] + arm[x] * jacobian[(3 + x) * n_ + j];
+        }
+        const Triple arm = cross(at - object_.centre, along);
+        for (int x = 0; x < 3; ++x) to[n_ + x] = -along[x], to[n_ + 3 + x] = -arm[x];
+    }
+
+    void add_spin(std::int64_t touch, const Triple& axis) {
+        const std::size_t start = rows_.size();
+        rows_.resize(start + m_, 0.0);
+        double* to = rows_.data() + start;
+        if (touch >= 0) {
+            const double* jacobian = touches_.jacobians.data() + 6 * n_ * touch;
+            for (int j = 0; j < n_; ++j)
+                for (int x = 0; x < 3; ++x) to[j] += axis[x] * jacobian[(3 + x) * n_ + j];
+        }
+        for (int x = 0; x < 3; ++x) to[n_ + 3 + x] = -axis[x];
+    }
+
+    static Triple triple(const std::vector<double>& from, std::size_t i) {
+        return {from[3 * i], from[3 * i + 1], from[3 * i + 2]};
+    }
+
+    void add_touch(std::size_t t) {
+        const int corners = static_cast<int>(touches_.counts[t]);
+        const Triple normal = triple(touches_.normals, t);
+        Patch patch = open_patch(corners);
+        patch.part = static_cast<int>(touches_.part[t]);
+        Triple middle{};
+        for (int c = 0; c < corners; ++c) {
+            const Triple corner = triple(touches_.corners, 4 * t + c);
+            middle = middle + (1.0 / corners) * corner;
+            add_row(t, normal, corner);
+            gaps_.push_back(touches_.gap[t] + touches_.leaning[4 * t + c]);
+        }
+        double wide = 0.0;
+        for (int c = 0; c < corners; ++c) {
+            const Triple arm = triple(touches_.corners, 4 * t + c) - middle;
+            wide += dot(arm, arm) / corners;
+        }
+        const double whole = object_.stiffness[patch.part];
+        patch.stiffness = whole / corners;
+        patch.turning = object_.torsion + object_.mu * std::sqrt(wide);
+        patch.shear = shearing * whole;
+        close_patch(patch, t, normal, middle, shear_[patch.part], spin_[patch.part]);
+    }
+
+    Patch open_patch(int normals) const {
+        Patch patch;
+        patch.first = static_cast<int>(gaps_.size()), patch.normals = normals, patch.mu = object_.mu;
+        return patch;
+    }
+
+    void close_patch(Patch& patch, std::int64_t touch, const Triple& normal, const Triple& at, const Triple& shear,
+                     double spin) {
+        const double arm = std::max(patch.turning / std::max(patch.mu, 1e-6), least_arm);
+        patch.spin = patch.shear * arm * arm;
+        patch.x = across(normal), patch.y = cross(normal, patch.x);
+        add_row(touch, patch.x, at), add_row(touch, patch.y, at), add_spin(touch, normal);
+        patch.force[0] = dot(patch.x, shear), patch.force[1] = dot(patch.y, shear), patch.force[2] = spin;
+        gaps_.insert(gaps_.end(), 3, 0.0);
+        patches_.push_back(patch);
+    }
+
+    // What bears the object: the points that are lowest, seen along several directions about down.
+    void add_table() {
+        const Triple up = world_.turn_back(up_), x = across(up), y = cross(up, x);
+        bearing_.clear();
+        for (int i = -1; i < around; ++i) {
+            const double turn = 2.0 * 3.14159265358979 * i / around;
+            Triple along = -1.0 * up;
+            if (i >= 0) along = std::sin(tilt) * (std::cos(turn) * x + std::sin(turn) * y) - std::cos(tilt) * up;
+            const Triple point = farthest(along);
+            if (dot(up_, world_.act(point)) - height_ > bearing) continue;
+            const auto same = [&](const Triple& one) { return length(one - point) < 1e-9; };
+            if (std::none_of(bearing_.begin(), bearing_.end(), same)) bearing_.push_back(point);
+        }
+        if (bearing_.empty()) return;
+        const int count = static_cast<int>(bearing_.size());
+        Patch patch = open_patch(count);
+        Triple middle{};
+        for (const Triple& point : bearing_) {
+            middle = middle + (1.0 / count) * point;
+            add_row(-1, up, point);
+            gaps_.push_back(dot(up_, world_.act(point)) - height_ - sink);
+        }
+        double wide = 0.0;
+        for (const Triple& point : bearing_) wide += dot(point - middle, point - middle) / count;
+        patch.stiffness = object_.mass * length(object_.gravity) / (sink * count);
+        patch.turning = object_.mu * std::sqrt(wide);
+        patch.shear = table_shear;
+        close_patch(patch, -1, up, middle, world_.turn_back(table_shear_), table_spin_);
+    }
+
+    double along(int which) const {
+        const double* own = rows_.data() + static_cast<std::size_t>(which) * m_;
+        double found = 0.0;
+        for (int i = 0; i < m_; ++i) found += own[i] * y_[i];
+        return found;
+    }
+
+    // What friction lets of the forces across, at the step y.
+    void weigh() {
+        for (Patch& patch : patches_) {
+            double normal = 0.0;
+            for (int i = patch.first; i < patch.first + patch.normals; ++i)
+                normal += patch.stiffness * std::max(0.0, along(i) - gaps_[i]);
+            const int next = patch.first + patch.normals;
+            for (int i = 0; i < 3; ++i)
+                patch.trial[i] = patch.force[i] + (i < 2 ? patch.shear : patch.spin) * along(next + i);
+            const double size = std::hypot(patch.trial[0], patch.trial[1]);
+            patch.share[0] = patch.share[1] = size > patch.mu * normal ? patch.mu * normal / size : 1.0;
+            const double turning = std::fabs(patch.trial[2]);
+            patch.share[2] = turning > patch.turning * normal ? patch.turning * normal / turning : 1.0;
+        }
+    }
+
+    // One round: the step y with what presses, and friction's shares, as of the last; how much it changed.
+    double press(bool fixed) {
+        weigh();
+        const double h = course_.step;
+        std::fill(matrix_.begin(), matrix_.end(), 0.0);
+        for (int i = 0; i < m_; ++i) matrix_[i * m_ + i] = base_[i], rhs_[i] = right_[i];
+        for (int i = 0; i < 3; ++i)
+            for (int j = i; j < 3; ++j) matrix_[(n_ + 3 + i) * m_ + n_ + 3 + j] += object_.inertia[3 * i + j] / (h * h);
+        for (const Patch& patch : patches_) {
+            for (int i = patch.first; i < patch.first + patch.normals; ++i)
+                if (along(i) > gaps_[i]) add_spring(i, patch.stiffness, -patch.stiffness * gaps_[i]);
+            for (int i = 0; i < 3; ++i)
+                add_spring(patch.first + patch.normals + i, patch.share[i] * (i < 2 ? patch.shear : patch.spin),
+                           patch.share[i] * patch.force[i]);
+        }
+        if (fixed)  // the object stays
+            for (int i = n_; i < m_; ++i) {
+                for (int j = 0; j <= i; ++j) matrix_[j * m_ + i] = 0.0;
+                matrix_[i * m_ + i] = 1.0, rhs_[i] = 0.0;
+            }
+        factor(matrix_.data(), m_);
+        solve(matrix_.data(), rhs_.data(), m_);
+        double changed = 0.0;
+        for (int i = 0; i < m_; ++i) {
+            const double bounded = std::min(most_turn, std::max(-most_turn, rhs_[i]));
+            changed = std::max(changed, std::fabs(bounded - y_[i]));
+            y_[i] = bounded;
+        }
+        return changed;
+    }
+
+    void add_spring(int which, double stiffness, double force) {
+        if (stiffness == 0.0 && force == 0.0) return;
+        const double* own = rows_.data() + static_cast<std::size_t>(which) * m_;
+        for (int i = 0; i < m_; ++i) {
+            if (own[i] == 0.0) continue;
+            rhs_[i] -= force * own[i];
+            const double scaled = stiffness * own[i];
+            double* to = matrix_.data() + static_cast<std::size_t>(i) * m_;
+            for (int j = i; j < m_; ++j) to[j] += scaled * own[j];
+        }
+    }
+
+    // Takes the step y, and keeps what friction bears.
+    void move(bool fixed) {
+        const double h = course_.step;
+        std::fill(shear_.begin(), shear_.end(), Triple{});
+        std::fill(spin_.begin(), spin_.end(), 0.0);
+        table_shear_ = {}, table_spin_ = 0.0;
+        for (const Patch& patch : patches_) {
+            const Triple shear =
+                (patch.share[0] * patch.trial[0]) * patch.x + (patch.share[1] * patch.trial[1]) * patch.y;
+            const double spin = patch.share[2] * patch.trial[2];
+            if (patch.part < 0)
+                table_shear_ = world_.turn(shear), table_spin_ = spin;
+            else
+                shear_[patch.part] = shear, spin_[patch.part] = spin;
+        }
+        for (int i = 0; i < n_; ++i) q_[i] += y_[i], rates_[i] = y_[i] / h;
+        if (fixed) return;
+        const Triple by{y_[n_], y_[n_ + 1], y_[n_ + 2]}, turn{y_[n_ + 3], y_[n_ + 4], y_[n_ + 5]};
+        Frame moved = rotate_by(turn);
+        moved.t = object_.centre + by - moved.turn(object_.centre);
+        world_ = world_ * moved;
+        speed_ = (1.0 / h) * moved.turn_back(by), turning_ = (1.0 / h) * turn;
+    }
+
+    const TouchScene& scene_;
+    Toucher toucher_;
+    const ClosingCourse& course_;
+    const Grasped& object_;
+    const int n_, m_;
+    Frame world_;                                        // from what the object sees to the world
+    Triple speed_{}, turning_{}, up_{}, table_shear_{};  // of the object, as it sees them; in the world
+    double table_spin_ = 0.0, height_ = 0.0;
+    bool touched_ = false, soft_ = true;
+    Touches touches_;
+    std::vector<Triple> shear_, bearing_;  // of the parts; on the table
+    std::vector<double> spin_, q_, rates_, ahead_, y_, right_, base_, rhs_, matrix_, rows_, gaps_;
+    std::vector<Patch> patches_;
+};
+
+}  // namespace PINOGRASP_CORE_LEVEL
+}  // namespace pinograsp::core

@@ -1,0 +1,113 @@
+"""How far an object may be from where a plan has it: what is asked, and the answer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from pinograsp.checks import brief, integer, number
+from pinograsp.plan.plain_fields import Plain, plain_fields
+from pinograsp.spatial import Array
+from pinograsp.words import format_number
+
+LEAST = 3e-3  # [m] below which a grasp is said to ask for much
+ASKS_MUCH = "holds only what is in its place to"  # how such a caution begins
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseError:
+    """By how much an object may be elsewhere than planned: displaced and turned at once.
+
+    Attributes:
+        distance: displacement [m]; in the plane of a table, where the object stands on one, else in any direction.
+        angle: turn [rad]; about the table's normal, else about any axis.
+        count: directions that are tried, evenly spread.
+
+    Raises:
+        InvalidInput: values below 0, both 0, or fewer than 4 directions.
+    """
+
+    distance: float = 5e-3
+    angle: float = math.radians(5.0)
+    count: int = 12
+
+    __repr__ = brief()
+
+    def __post_init__(self) -> None:
+        number("distance", self.distance, above=0, unit="m")
+        number("angle", self.angle, at_least=0, at_most=math.pi, unit="rad")
+        integer("count", self.count, at_least=4, at_most=10_000)
+
+    def spread(self, up: Array | None) -> tuple[Array, Array]:
+        """Displacements (count, 3) [m] and rotation vectors (count, 3) [rad], world axes.
+
+        ``up`` (3,): normal of the table; None: the object stands on none, and all directions are tried.
+        """
+        i = np.arange(self.count)
+        sides = np.where(i % 2, -1.0, 1.0)[:, None]
+        if up is not None:
+            x = np.cross(up, np.eye(3)[int(np.abs(up).argmin())])
+            x /= np.linalg.norm(x)
+            turn: Array = 2 * np.pi * i / self.count
+            return (
+                self.distance * (np.cos(turn)[:, None] * x + np.sin(turn)[:, None] * np.cross(up, x)),
+                self.angle * sides * up,
+            )
+        # Fibonacci's sphere; the axes are those of other places on it.
+        height, turn = 1.0 - (2 * i + 1) / self.count, np.pi * (3.0 - math.sqrt(5.0)) * i
+        wide = np.sqrt(1.0 - height**2)
+        ball = np.column_stack([wide * np.cos(turn), wide * np.sin(turn), height])
+        return self.distance * ball, self.angle * sides * np.roll(ball, self.count // 3, axis=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseTolerance:
+    """How far the object may be from where the plan has it: the hand closes, and then holds it all the same.
+
+    Errors of all directions are tried in rising sizes, by a quick computation of how the fingers push the object (see
+    :func:`pinograsp.planner.find_tolerance`).
+
+    Attributes:
+        distance: up to this all directions are kept [m]; 0: not even the smallest size.
+        angle: that comes with it [rad].
+        kept: share of the errors of the size that was asked for that are kept [-].
+        asked_distance: that size [m].
+        asked_angle: and its angle [rad].
+        count: directions.
+        on_table: whether the object stands on a table, where it slides and turns; else it stays until it is grasped.
+        worst: direction of a smallest error that is lost, the displacement (3,), a unit vector; zero: none is lost.
+    """
+
+    distance: float
+    angle: float
+    kept: float
+    asked_distance: float
+    asked_angle: float
+    count: int
+    on_table: bool
+    worst: Annotated[Array, "3"]
+
+    __repr__ = brief()
+
+    @property
+    def is_small(self) -> bool:
+        """Whether it is less than 3 mm."""
+        return self.distance < LEAST
+
+    def describe(self) -> str:
+        """In words, as the end of a sentence that says that the grasp holds."""
+        where = "along the table" if self.on_table else "in any direction, as long as it stays while it is grasped"
+        if not self.distance:
+            return "if the object is exactly where you say: even small errors lose it"
+        return (
+            f"if the object is within {format_number(1e3 * self.distance, 2)} mm and "
+            f"{format_number(math.degrees(self.angle), 2)} deg of where you say, {where}"
+        )
+
+    def summary(self) -> Plain:
+        """As plain JSON values."""
+        units = {"distance": "distance_m", "angle": "angle_rad"}
+        return plain_fields(self, **units, asked_distance="asked_distance_m", asked_angle="asked_angle_rad")

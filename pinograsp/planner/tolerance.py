@@ -1,0 +1,59 @@
+"""How far the object of a plan may be from where the plan has it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinograsp.checks import instance_of
+from pinograsp.contacts.bulk import BulkScene
+from pinograsp.contacts.misplaced import Pressing
+from pinograsp.errors import InvalidInput
+from pinograsp.hands import servo_gains
+from pinograsp.motion.tolerance import measure_tolerance, sample_commands, stiffness_of_links
+from pinograsp.plan import PlanRecord
+from pinograsp.plan.tolerance import PoseError, PoseTolerance
+
+
+def find_tolerance(plan: PlanRecord, error: PoseError | None = None, *, threads: int | None = None) -> PoseTolerance:
+    """Close the hand of a plan on its object in other places: how far off that may be.
+
+    The joints follow their commands as servos, as the plan has them while the hand closes; what touches pushes the
+    object, which slides and turns on its table (``table=True``), or stays until the grasp is complete. Then the table
+    leaves, the joints are held where they are, and the object must stay in the hand for 0.4 s. A quick computation in
+    implicit steps of 10 ms, some milliseconds an error, which :func:`pinograsp.simulate` judges by other means; a hand
+    that is in the way of the misplaced object while it is still open counts as lost.
+
+    Args:
+        plan: with its hand and its object.
+        error: sizes and directions; default: 5 mm and 5 deg, in 12 directions.
+        threads: of the compiled core; None: one for each core.
+
+    Raises:
+        InvalidInput: a plan without hand or object, or whose contacts have no link.
+        ExtraMissing: the compiled core is not installed; or the object is not convex, and coacd (extra ``mesh``) is
+            not.
+    """
+    instance_of("error", error, PoseError, type(None))
+    hand, body = instance_of("plan", plan, PlanRecord).require_hand(), plan.body
+    if body is None or not all(plan.contacts.links):
+        raise InvalidInput("tolerance: expected a plan whose object and links are known: plan a hand on a shape")
+    scene, motion = BulkScene(hand, body, surface=True), plan.motion
+    stiff = servo_gains(hand)
+    commands = sample_commands(
+        motion.times,
+        motion.q,
+        motion.torques,
+        soft=stiff if motion.closing_stiffness is None else motion.closing_stiffness,
+        stiff=stiff,
+        limit=plan.torque_limit,
+    )
+    slopes = plan.forces.normal_forces / np.maximum(plan.forces.final_depths, 1e-6)
+    pressing = Pressing(
+        root=hand.pose,
+        stiffness=stiffness_of_links(scene, plan.contacts.links, slopes),
+        mu=float(plan.friction.mu.mean()),
+        torsion=plan.friction.torsion,
+        gravity_o=plan.gravity_o,
+        on_table=plan.on_table,
+    )
+    return measure_tolerance(scene, commands, pressing, error or PoseError(), threads)
