@@ -38,7 +38,7 @@ from pinograsp.words import lines_of
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
 FINGERS = 3  # that are to take part, where a hand has so many and enough grasps of so many hold
-ROOMS = (0.0025, 0.005, 0.0075, 0.01)  # [m] of the open hand about the object: sizes that count
+ROOMS = (0.0025, 0.005, 0.0075, 0.01, 0.015, 0.02)  # [m] of the open hand about the object: sizes that count
 SOUND = 2  # rank of a grasp that withstands the reserve on contacts that are sure
 # What a squeeze of the first rank may sum up to, and one that is not refined further: times the weight, or newtons per
 # contact.
