@@ -47,6 +47,7 @@ from pinograsp.writing import write_errors
 
 _MOST = 100_000  # samples
 _ROUNDS = 4  # times ``count`` samples are tried, as long as no grasp is sound
+_PINCHING = 2  # of these rounds: where nothing is sound, the others look for power grasps
 _NEAR = 2  # grasps of wider conditions that are kept
 _BATCH = 4  # samples, of which the best is refined
 _POOL, _PROCESS = 4.0, 0.5  # [s] that it takes other processes to start, and to take up a case
@@ -148,7 +149,8 @@ def find_grasps(
             and the object is not too large.
         seed: of the random numbers; the result does not depend on ``jobs``.
         impact_time: t_I of the forces that grasps are tried with [s].
-        wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it.
+        wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it. They
+            are looked for as well where half of the samples found nothing.
         within: where to hold it, a handle for example: lower and upper corner (2, 3) of a box along the axes of the
             object's frame, that of its file (after ``scale``) [m]; the hand touches it nowhere else,
             fingers that would stay open.
@@ -192,8 +194,8 @@ def find_grasps(
     # Meshes are heavy: they go to every process once, and never come back.
     with run.on_disk(), interrupts_kept() as interrupt:
         try:
-            for one in rounds:
-                run.batches(one, interrupt)
+            for i, one in enumerate(rounds):
+                run.batches(one, interrupt, wrap=wrap or i >= _PINCHING)
                 if any(grasp.sound == SOUND for grasp in run.found) or (not run.found and too_large):
                     break
             near = () if any(grasp.withstands for grasp in run.found) or too_large else run.near(rounds[0], interrupt)
@@ -243,10 +245,11 @@ class _Run:
             self.folder = folder
             yield
 
-    def batches(self, seed: np.random.SeedSequence, interrupt: Callable[[], None]) -> None:
+    def batches(self, seed: np.random.SeedSequence, interrupt: Callable[[], None], *, wrap: bool) -> None:
         """One round of samples."""
+        case = replace(self.case, wrap=wrap)
         self.bar.total += sum(self.sizes)
-        for batch in self._results(self.case, seed):
+        for batch in self._results(case, seed):
             for outcome in batch.outcomes:
                 self.outcomes[outcome] = self.outcomes.get(outcome, 0) + 1
             self.bar.update(len(batch.outcomes))
