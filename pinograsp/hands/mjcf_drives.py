@@ -89,6 +89,7 @@ class _Couplings:
     def __init__(self, model: mujoco.MjModel, joints: Mapping[str, int], notes: list[str], problems: list[str]):
         self.model, self.notes, self.problems = model, notes, problems
         self.names = {joint: name for name, joint in joints.items()}
+        self.driven = {self.names.get(joint) for a in range(model.nactuator) for joint, _ in _arms(model, a)}
         self.couplings: dict[str, Coupling] = {}
 
     def add_joints(self, one: int, other: int, curve: list[float]) -> None:
@@ -115,13 +116,15 @@ class _Couplings:
 
     def add_tendon(self, tendon: int, length: float) -> bool:
         """A fixed tendon that keeps a length, counted from the joints' references; False where it does not couple two
-        joints of the hand.
+        joints of the hand. A motor's joint is followed, whose limits are those that count.
         """
         arms = [(joint, arm) for joint, arm in tendon_arms(self.model, tendon) if arm]
         if len(arms) != 2 or any(joint not in self.names for joint, _ in arms):
             return False
         length += float(self.model.tendon_length0[tendon])
-        (one, arm), (other, led) = arms
+        (one, arm), (other, led) = sorted(
+            arms, key=lambda end: self._find_leader(self.names[end[0]]).followed in self.driven
+        )
         coupling = Coupling(followed=self.names[other], factor=-led / arm, offset=length / arm)
         self._couple(self.names[one], coupling)
         return True
@@ -162,16 +165,15 @@ class _Couplings:
         )
         return offset, factor
 
+    def _find_leader(self, name: str) -> Coupling:
+        own = Coupling(followed=name, factor=1.0, offset=0.0)
+        while own.followed in self.couplings:
+            own = own.after(self.couplings[own.followed])
+        return own
+
     def _couple(self, joint: str, coupling: Coupling) -> None:
         """Add a coupling between joints that may be coupled already; a problem where it contradicts the others."""
-
-        def find_leader(name: str) -> Coupling:
-            own = Coupling(followed=name, factor=1.0, offset=0.0)
-            while own.followed in self.couplings:
-                own = own.after(self.couplings[own.followed])
-            return own
-
-        one, other = find_leader(joint), coupling.after(find_leader(coupling.followed))
+        one, other = self._find_leader(joint), coupling.after(self._find_leader(coupling.followed))
         if one.followed != other.followed:  # the leader of one group follows that of the other
             self.couplings[one.followed] = one.inverse(joint).after(other)
         elif not np.allclose([one.factor, one.offset], [other.factor, other.offset], rtol=1e-9, atol=1e-12):

@@ -22,6 +22,7 @@ from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.spatial import Array
 
 _SPECK = 1e-6  # [m] radius of what stands for a shape that is left out
+_LEAST_TURN = 2 * math.pi  # [deg] some hinge of a hand turns farther
 _LEAST_MASS = 1e-9  # [kg], [kg m^2] of bodies whose only shapes are left out: MuJoCo wants some
 # Stands for a mesh that is only seen, of which MuJoCo needs nothing.
 _CORNERS, _FACES = (
@@ -67,7 +68,8 @@ def compile_file(name: str, element: ElementTree.Element, path: Path, trusted: b
         HandNotLoaded: broken, too large, files outside of its folder, or what MuJoCo refuses it for.
     """
     document = MjcfDocument(name, path.resolve().parent, trusted)
-    text = document.read(copy.deepcopy(element), path)
+    element = copy.deepcopy(element)
+    text = document.read(element, path)
     if document.problems:
         raise HandNotLoaded(name, list(dict.fromkeys(document.problems)))
     try:
@@ -75,7 +77,26 @@ def compile_file(name: str, element: ElementTree.Element, path: Path, trusted: b
             spec = mujoco.MjSpec.from_string(text, include=document.models)
     except ValueError as error:
         raise _refusal(name, error) from error
+    if not any("angle" in compiler.attrib for compiler in element.iter("compiler")) and _in_radians(spec):
+        spec.compiler.degree = False
+        document.notes.append(
+            "in degrees, which MuJoCo takes where <compiler angle=> is missing, no hinge could turn farther than "
+            f'{_LEAST_TURN:.2g}: all angles of the file are taken as radians (<compiler angle="degree"/> keeps them)'
+        )
     return _compile_spec(name, spec, document.notes)
+
+
+def _in_radians(spec: mujoco.MjSpec) -> bool:
+    """Whether angles of a specification are so small that nobody means degrees: it is made to be included in others,
+    which say that they are in radians.
+    """
+    hinges = [joint.range for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
+    turns = [
+        one.alt.euler
+        for one in (*spec.bodies, *spec.geoms)
+        if one.alt.type == mujoco.mjtOrientation.mjORIENTATION_EULER
+    ]
+    return bool(0 < np.abs(hinges).max(initial=0.0) <= _LEAST_TURN and np.abs(turns).max(initial=0.0) <= _LEAST_TURN)
 
 
 def compile_spec(name: str, spec: mujoco.MjSpec) -> Compiled:

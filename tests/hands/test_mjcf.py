@@ -512,6 +512,62 @@ def test_linear_couplings(tmp_path, equality, driven, free, effort):
     assert sum(hand.effort > 0) == 1 and max(hand.effort) == pytest.approx(effort)
 
 
+TENDONS = """<mujoco><compiler angle="radian"/>
+  <default><geom type="capsule" size="0.01" fromto="0 0 0 0 0 0.05"/></default>
+  <worldbody><body name="palm"><geom/>
+    <body name="a"><joint name="a" axis="0 1 0" range="0 0.7"/><geom/>
+      <body name="b" pos="0 0 0.05"><joint name="b" axis="0 1 0" range="-0.9 0.9"/><geom/></body></body>
+    <body name="bar" pos="0.03 0 0"><joint name="bar" axis="0 1 0" range="-0.9 0.9"/><geom/></body></body></worldbody>
+  <tendon><fixed name="ab"><joint joint="a" coef="1"/><joint joint="b" coef="1.5"/></fixed>
+    <fixed name="bc"><joint joint="b" coef="1"/><joint joint="bar" coef="3.5"/></fixed></tendon>
+  <equality>{}</equality><actuator><position joint="a" forcerange="-3 3"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("order", [["ab", "bc"], ["bc", "ab"]])
+def test_joints_of_tendons_follow_that_of_the_motor_with_its_limits(tmp_path, order):
+    """Both tendons keep their length of 0: b = -a / 1.5 and bar = -b / 3.5, for all a of its own range."""
+    hand = load_hand(write(tmp_path, TENDONS.format("".join(f'<tendon tendon1="{name}"/>' for name in order))))
+    assert hand.joint_names == ("a",) and [*hand.lower, *hand.upper] == pytest.approx([0, 0.7])
+    assert {one.followed for one in hand.couplings.values()} == {"a"}
+    assert hand.couplings["b"].factor == pytest.approx(-1 / 1.5)
+    assert hand.couplings["bar"].factor == pytest.approx(1 / 1.5 / 3.5)
+    assert not any("do not fit" in note for note in hand.notes)
+
+
+FRAGMENT = """<mujoco>{}<worldbody><body name="palm"><geom size="0.03"/><body pos="0.05 0 0" euler="0 0 {}">
+  <joint name="j" axis="0 1 0" ref="0.1" range="0 {}"/><geom size="0.01" pos="0.02 0 0"/></body></body></worldbody>
+  </mujoco>"""
+DEGREES, RADIANS = '<compiler angle="degree"/>', '<compiler angle="radian"/>'
+
+
+@pytest.mark.parametrize(
+    ("compiler", "turned", "upper", "radians"),
+    [
+        ("", 1.57, 1.2, True),
+        (DEGREES, 1.57, 1.2, False),
+        (RADIANS, 1.57, 1.2, True),
+        ("", 90, 1.2, False),  # its body is turned by degrees
+        ("", 1.57, 60, False),
+    ],
+)
+def test_files_made_to_be_included_are_in_radians(tmp_path, compiler, turned, upper, radians):
+    hand = load_hand(write(tmp_path, FRAGMENT.format(compiler, turned, upper)))
+    unit = 1.0 if radians else np.pi / 180
+    assert hand.upper[0] == pytest.approx(unit * upper)
+    guessed = radians and not compiler
+    assert sum("are taken as radians" in note for note in hand.notes) == guessed
+    mujoco = pytest.importorskip("mujoco")
+    said = compiler or (RADIANS if radians else DEGREES)
+    model = mujoco.MjModel.from_xml_string(FRAGMENT.format(said, turned, upper))
+    data, state = hand.model.createData(), mujoco.MjData(model)
+    state.qpos[0] = upper * unit / 2
+    mujoco.mj_kinematics(model, state)
+    pin.forwardKinematics(hand.model, data, state.qpos)
+    assert data.oMi[1].translation == pytest.approx(state.xanchor[0], abs=1e-12)
+    at = hand.frame_placements(state.qpos, [hand.fingers[0].tip])[0]
+    assert at[:3, :3] == pytest.approx(state.xmat[2].reshape(3, 3), abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("equality", "message"),
     [
