@@ -6,6 +6,8 @@ its own, which no person would call a finger.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -20,18 +22,21 @@ _SHORTER = 0.85  # reach of a lever, at most, relative to the finger that it car
 
 
 def without_levers(
-    model: pin.Model, geometry: pin.GeometryModel, chains: list[list[Part]], notes: list[str]
+    model: pin.Model, geometry: pin.GeometryModel, chains: list[list[Part]], driven: Collection[str], notes: list[str]
 ) -> list[list[Part]]:
     """The chains that are fingers; levers are noted.
 
-    A lever is moved by no joint that does not move its finger as well, overlaps it wherever both are, and ends short of
-    it, measured from where the finger begins.
+    A lever is moved by no motor that does not move its finger as well, overlaps it wherever both are, and ends short of
+    it, measured from where the finger begins. ``driven``: joints that motors move; where these are none of the hand's,
+    all are.
     """
+    moved = {model.joints[model.getJointId(joint)].idx_v for joint in driven if model.existJointName(joint)}
+    moved = moved or set(range(model.nv))
     looks: _Looks | None = None
     kept: list[list[Part]] = []
     levers: list[str] = []
     for chain in chains:
-        fingers = [other for other in chains if other is not chain and _dofs(model, chain) <= _dofs(model, other)]
+        fingers = [other for other in chains if other is not chain and _dofs(model, chain) & moved <= _dofs(model, other)]
         if fingers and looks is None:
             looks = _Looks(model, hulls(geometry))
         if looks is not None and any(looks.carries(chain, finger) for finger in fingers):

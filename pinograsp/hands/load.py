@@ -185,7 +185,7 @@ def _build_hand(
         prepared.joints,
         prepared.links,
         solid.__contains__,
-        lambda chains: without_levers(model, geometry, chains, notes),
+        lambda chains: without_levers(model, geometry, chains, labels["motor"], notes),
         palm,
         names,
         lambda chains: name_fingers(chains, labels),

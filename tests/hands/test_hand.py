@@ -1051,6 +1051,20 @@ def test_bars_of_a_linkage_are_no_fingers(tmp_path):
     assert [finger.name for finger in named.fingers] == ["left", "bar"]
 
 
+def test_bars_that_nothing_moves_are_no_fingers_either(tmp_path):
+    """Their joints follow none, and have no motor: the file leaves it to a simulation's contacts to move them."""
+    text, ends = parallel_gripper(), {"left": 'lower="-0.2" upper="0.8"', "right": 'lower="-0.8" upper="0.2"'}
+    for side, limits in ends.items():
+        bar = re.search(f'<joint name="{side}_bar".*', text)[0]
+        text = text.replace(bar, re.sub("<mimic[^>]*>", "", bar).replace('lower="-1" upper="1"', limits))
+    motor = '<transmission name="t"><joint name="left_knuckle"/><actuator name="m"/></transmission></robot>'
+    hand = load_hand(write(tmp_path, text.replace("</robot>", motor)))
+    assert [finger.name for finger in hand.fingers] == ["left", "right"]
+    assert set(hand.passive_joints) == {"left_bar", "right_bar"}
+    # With a motor each, which is what a file without motors is taken to have, they may be fingers.
+    assert len(load_hand(write(tmp_path, text)).fingers) == 4
+
+
 def test_a_matrix_that_is_a_little_off_is_mended_and_noted(tmp_path):
     """Moments 1e-5 and a product of 1.05e-5: one principal moment is -5e-7, and is taken as 0; the others stay."""
     hand = load_hand(write(tmp_path, urdf(first=INERTIAL.replace('ixy="0"', 'ixy="1.05e-5"'))))
