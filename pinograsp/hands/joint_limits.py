@@ -1,4 +1,6 @@
-"""Effort limits of joints, of more than a description says of each by itself: known motors, jaws that move at once."""
+"""Effort limits of joints, of more than a description says of each by itself: known motors, jaws that move at once, and
+what no hand makes.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +8,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
 from pinograsp.hands.drives import Drive
-from pinograsp.hands.model import HandModel
+from pinograsp.hands.model import Finger, HandModel
+from pinograsp.words import few, printable
+
+# Of the force at a fingertip [N]: adaptive grippers press with up to 235 N, the weakest hands with 3 N.
+_LEAST, _MOST = 1.5, 500.0
+_NAMED = 4
 
 
 def with_effort_limits(hand: HandModel, efforts: Mapping[str, float], drives: Iterable[Drive]) -> HandModel:
@@ -41,6 +49,41 @@ def with_effort_limits(hand: HandModel, efforts: Mapping[str, float], drives: It
     model = hand.model.copy()
     model.effortLimit = limits
     return replace(hand, model=model, notes=tuple(notes))
+
+
+def placeholder_notes(hand: HandModel) -> list[str]:
+    """Notes on effort limits that no hand has, by the force at a fingertip that they make; known ones left out."""
+    data = hand.model.createData()
+    pin.forwardKinematics(hand.model, data, (hand.lower + hand.upper) / 2)
+    arms = np.zeros(hand.n)
+    for finger in hand.fingers:
+        for i in finger.dofs:
+            first = next(j for j in finger.joint_ids if hand.model.joints[j].idx_v == i)
+            arms[i] += abs(hand.ratio(first)) * (1.0 if hand.slides[i] else _reach(hand, data, finger, first))
+    known = {name for drive in hand.drives if (one := drive.source("limit")) and not one.guess for name in drive.joints}
+    odd = []
+    for joint, effort, arm, sliding in zip(hand.joint_names, hand.effort, arms, hand.slides):
+        if arm > 0 and effort > 0 and joint not in known and not _LEAST <= effort / arm <= _MOST:
+            unit = "N" if sliding else "N m"
+            odd.append(f"{printable(joint, 60)} {effort:g} {unit} ({effort / arm:.2g} N at a fingertip)")
+    if not odd:
+        return []
+    return [
+        f"effort limits that look like placeholders: {few(odd, _NAMED)}; plans keep to them, unless torque_limit= "
+        "(--torque-limit) says what the motors make"
+    ]
+
+
+def _reach(hand: HandModel, data: pin.Data, finger: Finger, joint: int) -> float:
+    """Distance of a finger's farthest point from one of its joints, at most [m]."""
+    origin, beyond = data.oMi[joint].translation, finger.joint_ids[finger.joint_ids.index(joint) :]
+    reach = 0.0
+    for one in hand.geometry.geometryObjects:
+        if one.parentJoint in beyond:
+            one.geometry.computeLocalAABB()
+            centre = data.oMi[one.parentJoint].act(one.placement.act(np.array(one.geometry.aabb_center)))
+            reach = max(reach, float(np.linalg.norm(centre - origin)) + float(one.geometry.aabb_radius))
+    return reach
 
 
 def _jaws(hand: HandModel, joint: str, efforts: Mapping[str, float]) -> dict[str, float]:

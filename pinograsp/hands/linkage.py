@@ -36,7 +36,8 @@ def without_levers(
     kept: list[list[Part]] = []
     levers: list[str] = []
     for chain in chains:
-        fingers = [other for other in chains if other is not chain and _dofs(model, chain) & moved <= _dofs(model, other)]
+        own = _dofs(model, chain) & moved
+        fingers = [other for other in chains if other is not chain and own <= _dofs(model, other)]
         if fingers and looks is None:
             looks = _Looks(model, hulls(geometry))
         if looks is not None and any(looks.carries(chain, finger) for finger in fingers):

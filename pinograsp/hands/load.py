@@ -20,7 +20,7 @@ from pinograsp.hands.descriptions import RobotDescription, read_description
 from pinograsp.hands.drives import ON_DRIVES, Drive, Spring, one_each
 from pinograsp.hands.finger_names import Labels, name_fingers
 from pinograsp.hands.geometry import collision_geometry, fill_masses, moving_nothing, without_shapes
-from pinograsp.hands.joint_limits import with_effort_limits
+from pinograsp.hands.joint_limits import placeholder_notes, with_effort_limits
 from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import tells_unit
 from pinograsp.hands.model import Finger, HandModel
@@ -124,7 +124,8 @@ def load_hand(
     hand = hand.with_limits({} if limits is None else limits)
     slides = hand.slides.tolist()
     odd = [*speed_notes(hand.joint_names, slides, hand.velocity), *size_notes(hand.model, hand.geometry)]
-    hand = replace(hand, notes=(*hand.notes, *odd))
+    whole = any(note.startswith(ON_ROOT) for note in hand.notes)
+    hand = replace(hand, notes=(*hand.notes, *odd, *([] if whole else placeholder_notes(hand))))
     if posture is not None:
         hand = hand.with_posture(posture)
     if hulls:

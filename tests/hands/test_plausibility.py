@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 import pinograsp as pg
-from pinograsp.hands import load_hand
+from pinograsp.hands import Drive, load_hand
 from pinograsp.hands.catalogue import CATALOGUE
 
 A, B, C = 0.016, 0.012, 0.05  # [m] edges of a finger's link
@@ -30,6 +32,7 @@ def write(
     kind="revolute",
     ends=(-0.3, 1.2),
     speed=3,
+    effort=1,
     size=f"{A} {B} {C}",
     at="0.02 0 0.02",
     part="collision",
@@ -43,7 +46,7 @@ def write(
         text += (
             f'<link name="{name}_link">{own}{shape}</link><joint name="{name}" type="{kind}"><parent link="palm"/>'
             f'<child link="{name}_link"/><origin xyz="{"" if sign > 0 else "-"}{at}"/><axis xyz="0 {-sign} 0"/>'
-            f'<limit lower="{ends[0]}" upper="{ends[1]}" effort="1" velocity="{speed}"/></joint>'
+            f'<limit lower="{ends[0]}" upper="{ends[1]}" effort="{effort}" velocity="{speed}"/></joint>'
         )
     path = folder / "hand.urdf"
     path.write_text(f'<robot name="hand">{text}</robot>')
@@ -195,6 +198,30 @@ def test_what_the_catalogue_holds_is_told_where_it_is_so(name):
 
 
 # -- joints that only have play ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "effort", "odd"),
+    [("revolute", 0.05, True), ("revolute", 1, False), ("revolute", 20, False), ("revolute", 1000, True)]
+    + [("prismatic", 0.1, True), ("prismatic", 10, False), ("prismatic", 230, False), ("prismatic", 1000, True)],
+)
+def test_efforts_of_no_hand_are_told_as_forces_at_a_fingertip(tmp_path, kind, effort, odd):
+    """The corner of the link that is farthest from its axis is 5.1 cm away; limits of plans are as they were."""
+    ends = (-0.3, 1.2) if kind == "revolute" else (0, 0.03)
+    hand = load_hand(write(tmp_path, kind=kind, effort=effort, ends=ends))
+    told = notes_on(hand, "effort limits that look like placeholders")
+    assert bool(told) == odd and hand.effort.tolist() == [effort, effort]
+    if odd:
+        force = float(re.search(r"\(([\d.e+]+) N at a fingertip", told[0])[1])
+        least, most = (effort, effort) if kind == "prismatic" else (0.95 * effort / 0.054, effort / 0.05)
+        assert 0.95 * least <= force <= 1.05 * most
+        assert "left" in told[0] and "right" in told[0]
+
+
+def test_a_limit_that_is_known_is_no_placeholder(tmp_path):
+    source = pg.hands.Source(figure="limit", text="a manual")
+    drives = [Drive(name=n, joints=(n,), arms=(1.0,), limit=0.05, sources=(source,)) for n in ("left", "right")]
+    assert not notes_on(load_hand(write(tmp_path, effort=0.05), drives=drives), "placeholders")
 
 
 def with_play(folder, kind, ends):
