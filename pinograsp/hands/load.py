@@ -16,6 +16,7 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands import geometry
 from pinograsp.hands.body_checks import mend_bodies
 from pinograsp.hands.catalogue import CATALOGUE, Entry
+from pinograsp.hands.convex_cuts import cut_hollow_links
 from pinograsp.hands.descriptions import RobotDescription, read_description
 from pinograsp.hands.drives import ON_DRIVES, Drive, Spring, one_each
 from pinograsp.hands.finger_names import Labels, name_fingers
@@ -129,6 +130,9 @@ def load_hand(
     if posture is not None:
         hand = hand.with_posture(posture)
     if hulls:
+        ends = {finger.joint_ids[-1] for finger in hand.fingers} | ({0} if len(hand.fingers) == 1 else set())
+        cut, told = cut_hollow_links(hand.geometry, ends)
+        hand = replace(hand, geometry=cut, notes=(*hand.notes, *told))
         shapes = tuple(one.geometry for one in hand.geometry.geometryObjects)
         hand = replace(hand, geometry=geometry.hulls(hand.geometry), own_shapes=shapes)
     return hand if pose is None else hand.placed(pose)
