@@ -69,8 +69,8 @@ def placeholder_notes(hand: HandModel) -> list[str]:
     if not odd:
         return []
     return [
-        f"effort limits that look like placeholders: {few(odd, _NAMED)}; plans keep to them: correct the file, or say what "
-        "the motors make, GraspConditions(torque_limit=...)"
+        f"effort limits that look like placeholders: {few(odd, _NAMED)}; plans keep to them: correct the file, or say "
+        "what the motors make, GraspConditions(torque_limit=...)"
     ]
 
 
