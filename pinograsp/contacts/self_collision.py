@@ -11,6 +11,7 @@ import pinocchio as pin
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array, BoolArray, IntArray
 
+_TOUCH = 1e-5  # [m] parts that slide along each other, as bars of jaws drawn side by side, overlap by less
 _LOOKS = 9  # at what one motor moves, over its range
 
 
@@ -25,7 +26,8 @@ class SelfCollisions:
         model = hand.model
         self.model, self.data = model, model.createData()
         self.objects = list(hand.geometry.geometryObjects)
-        self.request = coal.CollisionRequest()
+        self.request, self.of_meshes = coal.CollisionRequest(), coal.CollisionRequest()
+        self.request.security_margin = -_TOUCH  # which coal does not know of meshes
         self.joints = np.array([one.parentJoint for one in self.objects], dtype=int)
         for one in self.objects:
             one.geometry.computeLocalAABB()
@@ -82,7 +84,9 @@ class SelfCollisions:
 
     def _collide(self, a: int, b: int, there: coal.Transform3s, here: coal.Transform3s) -> bool:
         one, other = self.objects[a].geometry, self.objects[b].geometry
-        return bool(coal.collide(one, there, other, here, self.request, coal.CollisionResult()))
+        mesh = isinstance(one, coal.BVHModelBase) or isinstance(other, coal.BVHModelBase)
+        request = self.of_meshes if mesh else self.request
+        return bool(coal.collide(one, there, other, here, request, coal.CollisionResult()))
 
     def between(self, start: Array, q: Array) -> tuple[tuple[str, str], ...]:
         """Pairs of links that overlap at q (n,) but not at ``start`` (n,)."""

@@ -52,6 +52,23 @@ def test_links_left_out_touch_nothing_and_weigh_the_same(gripper):
     assert "right" not in {one.finger for one in pg.close_hand(without, box).touches}
 
 
+@pytest.mark.parametrize(("overlap", "hits"), [(0.0, False), (1e-9, False), (1e-4, True)])
+def test_jaws_that_slide_along_each_other_do_not_hit(tmp_path, overlap, hits):
+    """Bars drawn side by side share a plane, where rounding decides whether shapes overlap."""
+    parts = [link("palm", 0.3, "box 0.1 0.06 0.02", "0 0 -0.02")]
+    for name, sign in (("left", 1), ("right", -1)):
+        bar = f"{-0.01 * sign} {sign * (0.005 - overlap / 2)} 0.01"
+        parts += [
+            link(f"{name}_jaw", 0.05, "box 0.06 0.01 0.01", bar),
+            joint(name, "palm", f"{name}_jaw", f"{-0.02 * sign} 0 0", f"{sign} 0 0", "0 0.01 9 1", kind="prismatic"),
+        ]
+    path = tmp_path / "hand.urdf"
+    path.write_text(robot("bars", *parts))
+    hand = load_hand(path)
+    for share in (0.25, 0.5, 1.0):
+        assert bool(SelfCollisions(hand).at(hand.lower + share * (hand.upper - hand.lower))) == hits
+
+
 def test_masses_are_still_taken_from_shapes_that_are_left_out(tmp_path):
     path = tmp_path / "hand.urdf"
     path.write_text(
