@@ -19,15 +19,15 @@ class SelfCollisions:
     """Which links of a hand overlap at a posture.
 
     Left out are pairs that the hand's SRDF disables. Those within two joints of each other in one chain do by design,
-    and so do bars of a linkage: what one motor moves against each other, and overlaps over half of its range or more.
+    and so do bars of a linkage: what one motor moves against each other, and overlaps or touches over half of its range or more.
     """
 
     def __init__(self, hand: HandModel):
         model = hand.model
         self.model, self.data = model, model.createData()
         self.objects = list(hand.geometry.geometryObjects)
-        self.request, self.of_meshes = coal.CollisionRequest(), coal.CollisionRequest()
-        self.request.security_margin = -_TOUCH  # which coal does not know of meshes
+        self.touch, self.overlap = coal.CollisionRequest(), coal.CollisionRequest()
+        self.overlap.security_margin = -_TOUCH
         self.joints = np.array([one.parentJoint for one in self.objects], dtype=int)
         for one in self.objects:
             one.geometry.computeLocalAABB()
@@ -56,7 +56,8 @@ class SelfCollisions:
         for share in np.linspace(0.0, 1.0, _LOOKS):
             pin.forwardKinematics(self.model, self.data, hand.lower + share * (hand.upper - hand.lower))
             at = {i: self._place(i) for i in {i for pair in coupled for i in pair}}
-            overlaps.update({(self.links[a], self.links[b]) for b, a in coupled if self._collide(b, a, at[b], at[a])})
+            hits = {(self.links[a], self.links[b]) for b, a in coupled if self._meet(b, a, at[b], at[a], self.touch)}
+            overlaps.update(hits)
         return {names for names, count in overlaps.items() if 2 * count >= _LOOKS}
 
     def at(self, q: Array) -> set[tuple[str, str]]:
@@ -73,7 +74,7 @@ class SelfCollisions:
         at = {i: self._place(i) for i in {i for pair in near for i in pair}}
         for b, a in near:
             pair = (self.links[a], self.links[b])
-            if pair not in found and self._collide(a, b, at[a], at[b]):
+            if pair not in found and self._meet(a, b, at[a], at[b], self.overlap):
                 found.add(pair)
         return found
 
@@ -82,10 +83,12 @@ class SelfCollisions:
         pose = self.data.oMi[one.parentJoint] * one.placement
         return coal.Transform3s(pose.rotation, pose.translation)
 
-    def _collide(self, a: int, b: int, there: coal.Transform3s, here: coal.Transform3s) -> bool:
+    def _meet(
+        self, a: int, b: int, there: coal.Transform3s, here: coal.Transform3s, request: coal.CollisionRequest
+    ) -> bool:
         one, other = self.objects[a].geometry, self.objects[b].geometry
-        mesh = isinstance(one, coal.BVHModelBase) or isinstance(other, coal.BVHModelBase)
-        request = self.of_meshes if mesh else self.request
+        if isinstance(one, coal.BVHModelBase) or isinstance(other, coal.BVHModelBase):
+            request = self.touch  # coal knows no margins of meshes
         return bool(coal.collide(one, there, other, here, request, coal.CollisionResult()))
 
     def between(self, start: Array, q: Array) -> tuple[tuple[str, str], ...]:

@@ -7,6 +7,7 @@ its own, which no person would call a finger.
 from __future__ import annotations
 
 from collections.abc import Collection
+from itertools import product
 
 import coal
 import numpy as np
@@ -22,9 +23,14 @@ _SHORTER = 0.85  # reach of a lever, at most, relative to the finger that it car
 
 
 def without_levers(
-    model: pin.Model, geometry: pin.GeometryModel, chains: list[list[Part]], driven: Collection[str], notes: list[str]
+    model: pin.Model,
+    geometry: pin.GeometryModel,
+    chains: list[list[Part]],
+    driven: Collection[str],
+    pinned: list[tuple[str, str]],
+    notes: list[str],
 ) -> list[list[Part]]:
-    """The chains that are fingers; levers are noted.
+    """The chains that are fingers; levers are noted, and the pairs of links that pins may join added to ``pinned``.
 
     A lever is moved by no motor that does not move its finger as well, overlaps it wherever both are, and ends short of
     it, measured from where the finger begins. ``driven``: joints that motors move; where these are none of the hand's,
@@ -35,19 +41,27 @@ def without_levers(
     looks: _Looks | None = None
     kept: list[list[Part]] = []
     levers: list[str] = []
+    joined: list[tuple[str, str]] = []
     for chain in chains:
         own = _dofs(model, chain) & moved
         fingers = [other for other in chains if other is not chain and own <= _dofs(model, other)]
         if fingers and looks is None:
             looks = _Looks(model, hulls(geometry))
-        if looks is not None and any(looks.carries(chain, finger) for finger in fingers):
+        carried = [finger for finger in fingers if looks is not None and looks.carries(chain, finger)]
+        if carried:
             levers.append(chain[-1].joint.child)
+            joined += [pair for finger in carried for pair in product(_links(chain), _links(finger))]
         else:
             kept.append(chain)
     if not levers or not kept:
         return chains
+    pinned += joined
     notes.append(f"levers of linkages, not fingers: {', '.join(levers)} (fingers= takes them all the same)")
     return kept
+
+
+def _links(chain: list[Part]) -> list[str]:
+    return [link for part in chain for link in part.links]
 
 
 def _dofs(model: pin.Model, chain: list[Part]) -> set[int]:

@@ -185,12 +185,13 @@ def _build_hand(
     geometry = without_shapes(geometry, model, [one_of("exclude", link, prepared.links) for link in exclude], notes)
     _check_masses(source, model, masses, notes)
     solid = {model.frames[one.parentFrame].name for one in geometry.geometryObjects}
+    pinned: list[tuple[str, str]] = []
     palm, chains = find_fingers(
         source,
         prepared.joints,
         prepared.links,
         solid.__contains__,
-        lambda chains: without_levers(model, geometry, chains, labels["motor"], notes),
+        lambda chains: without_levers(model, geometry, chains, labels["motor"], pinned, notes),
         palm,
         names,
         lambda chains: name_fingers(chains, labels),
@@ -217,6 +218,7 @@ def _build_hand(
         notes=tuple(notes),
         description=prepared.text,
         visuals=tuple(visuals),
+        disabled_collisions=tuple(pinned),
         continuous=tuple(prepared.continuous),
     )
 
@@ -301,8 +303,8 @@ def _check_masses(source: str, model: pin.Model, masses: Masses, notes: Sequence
 def _disable_collisions(
     hand: HandModel, description: RobotDescription, links: Sequence[str], srdf: str | Path | None
 ) -> HandModel:
-    """The hand without the pairs of links whose collisions its description or an SRDF file disables."""
-    pairs, notes = pairs_in(description.collisions, links), list(hand.notes)
+    """The hand without more pairs of links, those whose collisions its description or an SRDF file disables."""
+    pairs, notes = [*hand.disabled_collisions, *pairs_in(description.collisions, links)], list(hand.notes)
     if srdf is not None:
         driven = [joint for drive in hand.drives for joint in drive.joints]
         pairs += disabled_collisions(path_of("srdf", srdf).expanduser(), links, driven, notes)

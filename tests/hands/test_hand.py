@@ -1061,6 +1061,8 @@ def test_bars_that_nothing_moves_are_no_fingers_either(tmp_path):
     hand = load_hand(write(tmp_path, text.replace("</robot>", motor)))
     assert [finger.name for finger in hand.fingers] == ["left", "right"]
     assert set(hand.passive_joints) == {"left_bar", "right_bar"}
+    for share in np.linspace(0, 1, 5):  # a pin joins them
+        assert not SelfCollisions(hand).at(hand.lower + share * (hand.upper - hand.lower))
     # With a motor each, which is what a file without motors is taken to have, they may be fingers.
     assert len(load_hand(write(tmp_path, text)).fingers) == 4
 
