@@ -19,7 +19,7 @@ class SelfCollisions:
     """Which links of a hand overlap at a posture.
 
     Left out are pairs that the hand's SRDF disables. Those within two joints of each other in one chain do by design,
-    and so do bars of a linkage: what one motor moves against each other, and overlaps or touches over half of its range or more.
+    and so do bars of a linkage: what one motor moves against each other, and touches over half of its range or more.
     """
 
     def __init__(self, hand: HandModel):
