@@ -20,7 +20,7 @@ _POINTS, _NAMED = 200, 4
 _PLACES = np.linspace(0.0, 1.0, 9)[1:-1]  # of planes, along each axis of a part
 _MOST = 8  # parts
 _WORTH = 0.005  # of the whole hull's volume, that a cut has to take off
-_GRID = 100  # cells along the longest side: points of one cell are one where volumes are compared
+_GRID = 60  # cells along the longest side: points of one cell are one where volumes are compared
 
 
 class _Cut(NamedTuple):
@@ -37,12 +37,16 @@ def cut_hollow_links(geometry: pin.GeometryModel, joints: Collection[int]) -> tu
     And notes on them. A part is the mesh's own surface between the planes.
     """
     cut, told, excess = pin.GeometryModel(), list[str](), 0.0
+    known: dict[bytes, list[Array]] = {}  # fingers often have the same mesh
     for one in geometry.geometryObjects:
-        parts = []
+        parts: list[Array] = []
         if one.parentJoint in joints and isinstance(one.geometry, coal.BVHModelBase):
             vertices, faces = triangles_of(one.geometry)
-            if np.mean(_gaps(one.geometry, vertices) > _DEEP) > _MUCH:
-                parts = cut_in_parts(vertices[faces])
+            key = vertices.tobytes()
+            if key not in known:
+                hollow = np.mean(_gaps(one.geometry, vertices) > _DEEP) > _MUCH
+                known[key] = cut_in_parts(vertices[faces]) if hollow else []
+            parts = known[key]
         if len(parts) < 2:
             cut.addGeometryObject(one)
             continue
