@@ -34,9 +34,9 @@ class _Cut(NamedTuple):
 def cut_hollow_links(geometry: pin.GeometryModel, joints: Collection[int]) -> tuple[pin.GeometryModel, list[str]]:
     """The same geometry with the meshes that these joints carry in parts, where they are far behind their hulls.
 
-    And notes on them. A part is the mesh's own surface between the planes.
+    And notes on them. A part is the mesh's own surface between the planes: its hull has all of that in it.
     """
-    cut, told, excess = pin.GeometryModel(), list[str](), 0.0
+    cut, told = pin.GeometryModel(), list[str]()
     known: dict[bytes, list[Array]] = {}  # fingers often have the same mesh
     for one in geometry.geometryObjects:
         parts: list[Array] = []
@@ -51,16 +51,12 @@ def cut_hollow_links(geometry: pin.GeometryModel, joints: Collection[int]) -> tu
             cut.addGeometryObject(one)
             continue
         told.append(f"{one.name} ({len(parts)})")
-        excess = max(excess, *(float(_gaps(one.geometry, part.reshape(-1, 3)).max()) for part in parts))
         for i, part in enumerate(parts):
             form = collision_model(part.reshape(-1, 3), np.arange(3 * len(part)).reshape(-1, 3))
             cut.addGeometryObject(
                 pin.GeometryObject(f"{one.name}.{i}", one.parentJoint, one.parentFrame, one.placement, form)
             )
-    if not told:
-        return cut, []
-    reach = f"hollow or bent links stand in convex parts, which reach beyond them by up to {1e3 * excess:.2g} mm"
-    return cut, [f"{reach}: {few(told, _NAMED)}"]
+    return cut, [f"hollow or bent links stand in convex parts: {few(told, _NAMED)}"] if told else []
 
 
 def _gaps(mesh: coal.BVHModelBase, points: Array) -> Array:
@@ -73,12 +69,7 @@ def _gaps(mesh: coal.BVHModelBase, points: Array) -> Array:
     areas = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
     drawn = faces[draw.choice(len(faces), _POINTS, p=areas / areas.sum())]
     spread = np.einsum("ni,nij->nj", draw.dirichlet(np.ones(3), _POINTS), drawn)
-    point, own, request, result = (
-        coal.Sphere(1e-7),
-        coal.Transform3s.Identity(),
-        coal.DistanceRequest(),
-        coal.DistanceResult(),
-    )
+    point, own, request, result = coal.Sphere(1e-7), coal.Transform3s(), coal.DistanceRequest(), coal.DistanceResult()
     found = []
     for at in spread:
         result.clear()

@@ -38,6 +38,18 @@ def test_parts_fill_little_besides_the_solid(solid):
     assert 2 <= len(found) <= 8
 
 
+def test_hulls_of_parts_have_the_whole_surface_and_nothing_beyond_the_hull():
+    bracket = trimesh.boolean.union([FORK, trimesh.creation.icosphere(radius=0.012)], engine="manifold")
+    parts = cut_in_parts(np.asarray(bracket.triangles))
+    assert len(parts) > 3
+    points, _ = trimesh.sample.sample_surface(bracket, 2000, seed=0)
+    hulls = [ConvexHull(part.reshape(-1, 3)).equations for part in parts]
+    held = [np.all(points @ one[:, :3].T + one[:, 3] < 1e-9, axis=1) for one in hulls]
+    assert np.any(held, axis=0).all()
+    whole = ConvexHull(bracket.vertices).equations
+    assert max((part.reshape(-1, 3) @ whole[:, :3].T + whole[:, 3]).max() for part in parts) < 1e-9
+
+
 @pytest.mark.parametrize("solid", [BOX, SHELL, BENT.convex_hull], ids=["box", "shell", "hull"])
 def test_what_is_as_its_hull_outside_stays_whole(solid):
     assert volumes(solid) == pytest.approx([solid.convex_hull.volume], rel=1e-9)
