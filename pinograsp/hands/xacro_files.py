@@ -15,7 +15,9 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.arithmetic import NotAllowed
 from pinograsp.hands.file_reads import digest_of
 from pinograsp.hands.ros_packages import PackageNotFound, Packages, find_package
+from pinograsp.hands.tree import MOVING
 from pinograsp.hands.xacro_guard import PACKAGE, Guard
+from pinograsp.words import few
 
 _ONE_AT_A_TIME = threading.Lock()  # for the error stream is everybody's
 
@@ -43,6 +45,7 @@ def expand_xacro(
     try:
         with _ONE_AT_A_TIME, contextlib.redirect_stderr(io.StringIO()):  # xacro prints what its errors say as well
             (_find_packages if trusted else Guard)(module, path.resolve().parent, packages)
+            defined = _note_macros(module)
             document = module.process_file(str(path), mappings=texts)
         for name in (str(path), *module.all_includes) if trusted else ():
             with contextlib.suppress(OSError):
@@ -59,7 +62,33 @@ def expand_xacro(
         if isinstance(cause, NotAllowed | SyntaxError):
             raise HandNotLoaded(path, [*problems, "pass trusted=True if you trust this file"]) from error
         raise HandNotLoaded(path, f"xacro could not expand it: {'; '.join(problems)}") from error
+    if (left := _calls_without_prefix(document, defined)) and not _moves(document):
+        raise HandNotLoaded(
+            path, f"macros are called as xacro took it before 2018: write <xacro:{left[0]}> for {few(left, 4)}"
+        )
     return "\n".join(['<?xml version="1.0" ?>', *filter(str.strip, lines)]) + "\n"
+
+
+def _note_macros(module: Any) -> set[str]:
+    """Names of macros, which are added as a copy of xacro comes to them."""
+    names, grab = set[str](), module.grab_macro
+
+    def grab_macro(element: Any, macros: Any) -> Any:  # what xacro makes of it
+        names.add(element.getAttribute("name").removeprefix("xacro:"))
+        return grab(element, macros)
+
+    module.grab_macro = grab_macro
+    return names
+
+
+def _calls_without_prefix(document: Any, macros: set[str]) -> list[str]:
+    return sorted(macros & {element.tagName for element in document.getElementsByTagName("*")})
+
+
+def _moves(document: Any) -> bool:
+    return any(
+        joint.getAttribute("type") in (*MOVING, "continuous") for joint in document.getElementsByTagName("joint")
+    )
 
 
 def _cause_of(error: BaseException) -> BaseException:

@@ -1027,6 +1027,22 @@ def test_xacro_files_that_break_xacro(tmp_path, content, trusted):
         load_hand(tmp_path / "hand.xacro", trusted=trusted)
 
 
+@pytest.mark.parametrize("trusted", [False, True])
+def test_macros_that_are_called_as_xacro_took_them_once_are_told(tmp_path, trusted):
+    """Xacro leaves such elements as they are, which URDF does not know: nothing would move."""
+    joint = '<joint name="j" type="revolute"><parent link="p"/><child link="f"/><limit lower="0" upper="1" effort="1"/></joint>'
+    parts = f'<link name="f">{INERTIAL}</link>{joint}'
+    text = (
+        '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="finger" params="n">{}</xacro:macro>'
+    )
+    path = tmp_path / "hand.urdf.xacro"
+    path.write_text(text.format(parts) + '<link name="p"/><finger n="1"/></robot>')
+    with pytest.raises(HandNotLoaded, match="before 2018: write <xacro:finger> for finger"):
+        load_hand(path, trusted=trusted)
+    path.write_text(text.format(parts) + '<link name="p"/><xacro:finger n="1"/><finger/></robot>')
+    assert load_hand(path, trusted=trusted).joint_names == ("j",)
+
+
 def test_points_of_hulls_are_those_of_the_meshes():
     """They reach as far in every direction as the meshes, whether or not the hulls were taken already."""
     rng = np.random.default_rng(2)
