@@ -77,7 +77,8 @@ def compile_file(name: str, element: ElementTree.Element, path: Path, trusted: b
             spec = mujoco.MjSpec.from_string(text, include=document.models)
     except ValueError as error:
         raise _refusal(name, error) from error
-    if not any("angle" in compiler.attrib for compiler in element.iter("compiler")) and _in_radians(spec):
+    told = document.models or any("angle" in compiler.attrib for compiler in element.iter("compiler"))
+    if not told and _in_radians(spec):
         spec.compiler.degree = False
         document.notes.append(
             "in degrees, which MuJoCo takes where <compiler angle=> is missing, no hinge could turn farther than "
@@ -91,12 +92,11 @@ def _in_radians(spec: mujoco.MjSpec) -> bool:
     which say that they are in radians.
     """
     hinges = [joint.range for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
-    turns = [
-        one.alt.euler
-        for one in (*spec.bodies, *spec.geoms)
-        if one.alt.type == mujoco.mjtOrientation.mjORIENTATION_EULER
-    ]
-    return bool(0 < np.abs(hinges).max(initial=0.0) <= _LEAST_TURN and np.abs(turns).max(initial=0.0) <= _LEAST_TURN)
+    turned = [one.alt for one in (*spec.bodies, *spec.geoms, *spec.frames, *spec.sites)]
+    turns = [one.euler for one in turned if one.type == mujoco.mjtOrientation.mjORIENTATION_EULER]
+    turns += [one.axisangle[3:] for one in turned if one.type == mujoco.mjtOrientation.mjORIENTATION_AXISANGLE]
+    largest, most = (np.abs(np.concatenate([[0.0], *angles])).max() for angles in (hinges, turns))
+    return bool(0 < largest <= _LEAST_TURN and most <= _LEAST_TURN)
 
 
 def compile_spec(name: str, spec: mujoco.MjSpec) -> Compiled:
