@@ -289,7 +289,14 @@ def _add_drives(
             drive if moving.isdisjoint(drive.joints) else replace(drive, sources=entry.sources) for drive in drives
         )
     hand = replace(hand, notes=(*hand.notes, *notes))
-    return hand.with_drives(drives, springs_of(found, joints, couplings) if springs is None else springs)
+    hand = hand.with_drives(drives, springs_of(found, joints, couplings) if springs is None else springs)
+    sprung = {spring.joint for spring in hand.springs}
+    if held := [joint for joint in hand.passive_joints if joint in sprung]:
+        why = (
+            "contacts get their torque alone in a plan; where tendons or stops bear a part, drives=[Drive(exact=False)]"
+        )
+        return replace(hand, notes=(*hand.notes, f"{ON_DRIVES}springs alone hold {', '.join(held)}: {why}"))
+    return hand
 
 
 def _check_masses(source: str, model: pin.Model, masses: Masses, notes: Sequence[str]) -> None:

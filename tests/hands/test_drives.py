@@ -317,6 +317,15 @@ def test_gazebos_springs(tmp_path):
             urdf(tmp_path, fingers(f'<gazebo reference="l1"><springStiffness>{value}</springStiffness></gazebo>'))
 
 
+def test_joints_that_springs_alone_hold_are_told_with_what_lets_more_bear(tmp_path):
+    sprung = '<gazebo reference="l2"><springStiffness>0.3</springStiffness></gazebo>'
+    motors = [transmission(f"m{joint}", joint) for joint in ("l1", "r1", "r2")]
+    (note,) = [note for note in urdf(tmp_path, fingers(sprung + "".join(motors))).notes if "springs alone" in note]
+    assert "hold l2:" in note and "exact=False" in note
+    driven = urdf(tmp_path, fingers(sprung + "".join(motors) + transmission("m", "l2")))
+    assert not any("springs alone" in note for note in driven.notes)
+
+
 # -- the catalogue -----------------------------------------------------------------------------------------------------
 
 
