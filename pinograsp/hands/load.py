@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -206,7 +207,7 @@ def _build_hand(
         )
         for name, chain in chains.items()
     )
-    notes += _on_root(model, prepared, solid, palm, fingers)
+    notes += _on_root(model, prepared, solid, palm, fingers) or _on_pedestal(model, geometry, palm, fingers)
     return HandModel(
         name=prepared.name,
         source=source,
@@ -256,6 +257,25 @@ def _on_root(
         f"{ON_ROOT}{named}: an arm, not a finger, if it ends in one jaw that moves: "
         f"{' or '.join(map('root={!r}'.format, roots))} takes that alone"
     ]
+
+
+def _on_pedestal(model: pin.Model, geometry: pin.GeometryModel, palm: str, fingers: Sequence[Finger]) -> list[str]:
+    """A note on a link beside the palm, larger than a hand, with fingers inside at the middle of their ranges."""
+    data, placed, request = model.createData(), geometry.createData(), coal.CollisionRequest()
+    pin.forwardKinematics(model, data, (model.lowerPositionLimit + model.upperPositionLimit) / 2)
+    pin.updateGeometryPlacements(model, data, geometry, placed)
+    at = [coal.Transform3s(pose.rotation, pose.translation) for pose in placed.oMg]
+    joints = {joint for finger in fingers for joint in finger.joint_ids}
+    objects = list(geometry.geometryObjects)
+    parts = [i for i, one in enumerate(objects) if one.parentJoint in joints]
+    for i, one in enumerate(objects):
+        link, shape = model.frames[one.parentFrame].name, one.geometry
+        shape.computeLocalAABB()
+        if one.parentJoint or link == palm or 2 * shape.aabb_radius < _HAND:
+            continue
+        if any(coal.collide(shape, at[i], objects[j].geometry, at[j], request, coal.CollisionResult()) for j in parts):
+            return [f"{ON_ROOT}fingers are inside of '{link}', which is no part of a hand: root='{palm}' leaves it out"]
+    return []
 
 
 def _add_drives(

@@ -1123,6 +1123,24 @@ def test_hands_of_a_robot_are_named_as_roots(tmp_path):
     assert not any(note.startswith(ON_ROOT) for note in wrist.notes)
 
 
+@pytest.mark.parametrize(("height", "inside"), [(0.5, True), (0.02, False)])
+def test_a_box_that_a_hand_stands_in_is_noted_with_the_root_that_leaves_it_out(tmp_path, height, inside):
+    parts = [
+        link("base", 1, f"box 0.5 0.5 {height}", f"0 0 {height / 2 - 0.02}"),
+        link("palm", 0.3, "box 0.08 0.08 0.02"),
+    ]
+    parts.append(joint("mount", "base", "palm", "0 0 0.02"))
+    for name, x in (("one", 0.04), ("two", -0.04)):
+        parts += [
+            link(name, 0.05, "box 0.01 0.02 0.08", "0 0 0.04"),
+            joint(f"{name}_joint", "palm", name, f"{x} 0 0.01", "0 1 0", "-0.5 0.5 3 2"),
+        ]
+    hand = load_hand(write(tmp_path, robot("on_a_box", *parts)))
+    assert hand.palm == "palm" and any("inside of 'base'" in note for note in hand.notes) == inside
+    alone = load_hand(hand.source, root="palm")
+    assert not any("inside of" in note for note in alone.notes)
+
+
 def test_an_arm_before_the_palm_is_noted_with_the_root_to_give(tmp_path):
     limbs = ["shoulder", "upper", "elbow", "forearm", "wrist"]
     arm = load_hand(write(tmp_path, on_a_robot(*limbs)), root="left_shoulder")
