@@ -16,6 +16,7 @@ from pinograsp.words import few, printable
 
 # Of the force at a fingertip [N]: adaptive grippers press with up to 235 N, the weakest hands with 3 N.
 _LEAST, _MOST = 1.5, 500.0
+_HEAVIEST = 50.0  # [kg] at a fingertip: geared motors of grippers are as a few
 _NAMED = 4
 
 
@@ -52,7 +53,9 @@ def with_effort_limits(hand: HandModel, efforts: Mapping[str, float], drives: It
 
 
 def placeholder_notes(hand: HandModel) -> list[str]:
-    """Notes on effort limits that no hand has, by the force at a fingertip that they make; known ones left out."""
+    """Notes on effort limits that no hand has, by the force at a fingertip that they make, known ones left out; and on
+    inertias of motors, by the mass there.
+    """
     data = hand.model.createData()
     pin.forwardKinematics(hand.model, data, (hand.lower + hand.upper) / 2)
     arms = np.zeros(hand.n)
@@ -66,11 +69,23 @@ def placeholder_notes(hand: HandModel) -> list[str]:
         if arm > 0 and effort > 0 and joint not in known and not _LEAST <= effort / arm <= _MOST:
             unit = "N" if sliding else "N m"
             odd.append(f"{printable(joint, 60)} {effort:g} {unit} ({effort / arm:.2g} N at a fingertip)")
+    heavy = [
+        f"{printable(joint, 60)} {own:.3g} {'kg' if sliding else 'kg m^2'} (as {own / arm**2:.2g} kg at a fingertip)"
+        for joint, own, arm, sliding in zip(hand.joint_names, np.ravel(hand.model.armature), arms, hand.slides)
+        if arm > 0 and own > _HEAVIEST * arm**2
+    ]
+    notes = []
+    if heavy:
+        notes.append(
+            f"motors' inertias (armature) that look like placeholders: {few(heavy, _NAMED)}; plans and simulations "
+            "accelerate them all the same: correct the file"
+        )
     if not odd:
-        return []
+        return notes
     return [
+        *notes,
         f"effort limits that look like placeholders: {few(odd, _NAMED)}; plans keep to them: correct the file, or say "
-        "what the motors make, GraspConditions(torque_limit=...)"
+        "what the motors make, GraspConditions(torque_limit=...)",
     ]
 
 

@@ -218,6 +218,19 @@ def test_efforts_of_no_hand_are_told_as_forces_at_a_fingertip(tmp_path, kind, ef
         assert "left" in told[0] and "right" in told[0]
 
 
+@pytest.mark.parametrize(("armature", "odd"), [(0.01, False), (1.0, True)])
+def test_inertias_of_motors_that_no_hand_has_are_told_as_masses(tmp_path, armature, odd):
+    """At 50 to 54 mm from the axis 1 kg m^2 is as 343 to 400 kg."""
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace("</joint>", f'<dynamics armature="{armature}"/></joint>'))
+    hand = load_hand(path)
+    assert hand.model.armature.tolist() == [armature, armature]
+    told = notes_on(hand, "motors' inertias")
+    assert bool(told) == odd
+    if odd:
+        assert 330 <= float(re.search(r"as ([\d.e+]+) kg at a fingertip", told[0])[1]) <= 400
+
+
 def test_a_limit_that_is_known_is_no_placeholder(tmp_path):
     source = pg.hands.Source(figure="limit", text="a manual")
     drives = [Drive(name=n, joints=(n,), arms=(1.0,), limit=0.05, sources=(source,)) for n in ("left", "right")]
