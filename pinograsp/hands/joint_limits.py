@@ -18,6 +18,7 @@ from pinograsp.words import few, printable
 _LEAST, _MOST = 1.5, 500.0
 _HEAVIEST = 50.0  # [kg] at a fingertip: geared motors of grippers are as a few
 _NAMED = 4
+PLACEHOLDERS = "effort limits that look like placeholders"  # how such a note begins
 
 
 def with_effort_limits(hand: HandModel, efforts: Mapping[str, float], drives: Iterable[Drive]) -> HandModel:
@@ -84,7 +85,7 @@ def placeholder_notes(hand: HandModel) -> list[str]:
         return notes
     return [
         *notes,
-        f"effort limits that look like placeholders: {few(odd, _NAMED)}; plans keep to them: correct the file, or say "
+        f"{PLACEHOLDERS}: {few(odd, _NAMED)}; plans keep to them: correct the file, or say "
         "what the motors make, GraspConditions(torque_limit=...)",
     ]
 

@@ -34,6 +34,7 @@ from pinograsp.contacts import (
 from pinograsp.errors import GraspNotFound, InvalidInput, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
+from pinograsp.hands.joint_limits import PLACEHOLDERS
 from pinograsp.hands.load import ON_ROOT
 from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.motion import effort_of
@@ -149,8 +150,8 @@ def find_grasps(
             and the object is not too large.
         seed: of the random numbers; the result does not depend on ``jobs``.
         impact_time: t_I of the forces that grasps are tried with [s].
-        wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it. They
-            are looked for as well where half of the samples found nothing.
+        wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it;
+            these are looked for as well where half of the samples found nothing.
         within: where to hold it, a handle for example: lower and upper corner (2, 3) of a box along the axes of the
             object's frame, that of its file (after ``scale``) [m]; the hand touches it nowhere else,
             fingers that would stay open.
@@ -198,7 +199,7 @@ def find_grasps(
                 run.batches(one, interrupt, wrap=wrap or i >= _PINCHING)
                 if any(grasp.sound == SOUND for grasp in run.found) or (not run.found and too_large):
                     break
-            near = () if any(grasp.withstands for grasp in run.found) or too_large else run.near(rounds[0], interrupt)
+            near = () if any(grasp.withstands for grasp in run.found) else run.near(rounds[0], interrupt)
         except KeyboardInterrupt:
             run.interrupted, near = True, ()
         except BrokenProcessPool:
@@ -304,7 +305,7 @@ class _Run:
 
 def _remarks(hand: HandModel) -> tuple[str, ...]:
     """What in a hand's description may be in the way of any grasp."""
-    remarks = [note.removeprefix(ON_ROOT) for note in hand.notes if note.startswith(ON_ROOT)]
+    remarks = [note.removeprefix(ON_ROOT) for note in hand.notes if note.startswith((ON_ROOT, PLACEHOLDERS))]
     fingers = {joint for finger in hand.fingers for joint in finger.actuated}
     sprung = {spring.joint for spring in hand.springs}
     if limp := [joint for joint in hand.passive_joints if joint in fingers and joint not in sprung]:

@@ -51,6 +51,7 @@ public:
           q_(n_),
           rates_(n_),
           ahead_(n_),
+          drive_(n_),
           y_(m_),
           right_(m_),
           base_(m_),
@@ -169,30 +170,42 @@ private:
         for (std::size_t t = 0; t < count; ++t) add_touch(t);
         if (stands && !fixed) add_table();
         std::fill(y_.begin(), y_.end(), 0.0);
-        for (int i = 0; i < rounds; ++i)
-            if (press(fixed) < alike) break;
+        for (int i = 0; i < rounds; ++i) {
+            set_motors(i == 0);
+            if (press(fixed) < alike && i > 0) break;
+        }
         weigh();
         move(fixed);
     }
 
-    // Motors and inertia: base_ (m) on the diagonal, the object's inertia apart.
+    // What the motors do in the step without moving (n), and what slows the object.
     void set_base(int s, bool fixed) {
         const double h = course_.step;
         const double *told = row(course_.q, s), *rate = row(course_.dq, s), *effort = row(course_.effort, s);
-        const double* kp = soft_ ? course_.soft : course_.stiff;
-        const double* kd = soft_ ? course_.soft_damping : course_.damping;
-        for (int i = 0; i < n_; ++i) {
-            const double drive = kp[i] * (told[i] + ahead_[i] - q_[i]) + effort[i] + kd[i] * rate[i];
-            const double limit = course_.limit[i], inertia = course_.inertia[i];
-            const bool free = std::fabs(drive) < limit;
-            base_[i] = (free ? kp[i] : 0.0) + kd[i] / h + inertia / (h * h);
-            right_[i] = std::min(limit, std::max(-limit, drive)) - touches_.gravity[i] + inertia * rates_[i] / h;
-        }
+        const double *kp = stiffness(), *kd = damping();
+        for (int i = 0; i < n_; ++i) drive_[i] = kp[i] * (told[i] + ahead_[i] - q_[i]) + effort[i] + kd[i] * rate[i];
         const Triple down = world_.turn_back(object_.gravity), turning = turned(turning_);
         for (int i = 0; i < 3; ++i) {
             base_[n_ + i] = object_.mass / (h * h), base_[n_ + 3 + i] = 0.0;
             right_[n_ + i] = fixed ? 0.0 : object_.mass * (speed_[i] / h + down[i]);
             right_[n_ + 3 + i] = fixed ? 0.0 : turning[i] / h;
+        }
+    }
+
+    const double* stiffness() const { return soft_ ? course_.soft : course_.stiff; }
+    const double* damping() const { return soft_ ? course_.soft_damping : course_.damping; }
+
+    // The motors (n) about the step y: servos, or at their limits, where they would ask for more.
+    void set_motors(bool first) {
+        const double h = course_.step;
+        for (int i = 0; i < n_; ++i) {
+            const double inertia = course_.inertia[i], limit = course_.limit[i],
+                         against = stiffness()[i] + damping()[i] / h;
+            const double asked = drive_[i] - against * y_[i];
+            const bool free = first || std::fabs(asked) < limit;
+            base_[i] = (free ? against : 0.0) + inertia / (h * h);
+            right_[i] =
+                (free ? drive_[i] : std::copysign(limit, asked)) - touches_.gravity[i] + inertia * rates_[i] / h;
         }
     }
 
@@ -402,7 +415,7 @@ private:
     bool touched_ = false, soft_ = true;
     Touches touches_;
     std::vector<Triple> shear_, bearing_;  // of the parts; on the table
-    std::vector<double> spin_, q_, rates_, ahead_, y_, right_, base_, rhs_, matrix_, rows_, gaps_;
+    std::vector<double> spin_, q_, rates_, ahead_, drive_, y_, right_, base_, rhs_, matrix_, rows_, gaps_;
     std::vector<Patch> patches_;
 };
 

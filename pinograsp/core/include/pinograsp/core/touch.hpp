@@ -121,6 +121,7 @@ public:
 
 private:
     static constexpr double off = 1e-3;    // [m] how far the object is moved off: directions keep their digits
+    static constexpr double flush = 1e-4;  // [m] behind the hull: on it
     static constexpr int rounds = 12;      // of finding the direction,
     static constexpr double alike = 1e-4;  // and where it has settled [rad]
 
@@ -248,6 +249,15 @@ private:
         return found;
     }
 
+    // What of the object is convex where it is touched: the part, or its hull where that is its surface.
+    const Solid* solid_at(const Candidate& best, const WayOut& way) const {
+        const Body& solid = scene_.solids[best.solid];
+        if (solid.whole()) return &solid.piece(0);
+        if (scene_.hull.empty()) return nullptr;
+        const Triple outermost = object_.act(scene_.hull.farthest(object_.turn_back(-1.0 * way.normal)));
+        return dot(way.point - outermost, way.normal) < flush ? &scene_.hull : nullptr;
+    }
+
     void note(std::int64_t grasp, const Candidate& best, const WayOut& way, double lean, Touches& found) const {
         const auto write = [](std::vector<double>& to, const Triple& one) {
             to.insert(to.end(), one.begin(), one.end());
@@ -259,8 +269,7 @@ private:
         write(found.points, back_.act(way.point));
         write(found.normals, back_.turn(way.normal));
         const Area area = CommonArea(part.hull.whole() ? &part.hull.piece(0) : nullptr, parts_[best.part],
-                                     scene_.solids[best.solid].whole() ? &scene_.solids[best.solid].piece(0) : nullptr,
-                                     object_, way.point, way.normal, lean)
+                                     solid_at(best, way), object_, way.point, way.normal, lean)
                               .find();
         found.counts.push_back(area.count);
         for (const Triple& corner : area.corners) write(found.corners, back_.act(corner));
