@@ -51,15 +51,15 @@ class PoseError:
         if up is not None:
             x = np.cross(up, np.eye(3)[int(np.abs(up).argmin())])
             x /= np.linalg.norm(x)
-            turn: Array = 2 * np.pi * i / self.count
+            turn = 2 * np.pi * i / self.count
             return (
                 self.distance * (np.cos(turn)[:, None] * x + np.sin(turn)[:, None] * np.cross(up, x)),
                 self.angle * sides * up,
             )
         # Fibonacci's sphere; the axes are those of other places on it.
-        height, turn = 1.0 - (2 * i + 1) / self.count, np.pi * (3.0 - math.sqrt(5.0)) * i
+        height, around = 1.0 - (2 * i + 1) / self.count, np.pi * (3.0 - math.sqrt(5.0)) * i
         wide = np.sqrt(1.0 - height**2)
-        ball = np.column_stack([wide * np.cos(turn), wide * np.sin(turn), height])
+        ball = np.column_stack([wide * np.cos(around), wide * np.sin(around), height])
         return self.distance * ball, self.angle * sides * np.roll(ball, self.count // 3, axis=0)
 
 

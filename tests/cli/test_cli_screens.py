@@ -288,6 +288,7 @@ def test_examples_of_the_help_work_when_typed(tmp_path, often, commands):
     own = [line for name, line in examples() if name in commands and (name != "view" or "--html" in line)]
     for line in own if commands == ("plan",) else ["pinograsp plan paper", *own]:
         line = line.replace("--monte-carlo 5", f"--monte-carlo {often(5)}")
+        line = line.replace("--pose-errors 12", f"--pose-errors {often(12)}")
         done = subprocess.run(["bash", "-c", begin + line], cwd=tmp_path, capture_output=True, text=True, timeout=900)
         assert done.returncode == 0, (line, done.stdout, done.stderr)
 

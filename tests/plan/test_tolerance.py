@@ -8,6 +8,8 @@ import pinocchio as pin
 import pytest
 
 import pinograsp as pg
+from pinograsp.cli.check import StudyOptions
+from pinograsp.contacts import clearance
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.contacts.misplaced import Pressing, close_misplaced
 from pinograsp.errors import InvalidInput
@@ -174,3 +176,25 @@ def test_impossible_errors_are_refused(wrong):
 def test_plan_without_an_object_is_refused(plan):
     with pytest.raises(InvalidInput, match="object"):
         find_tolerance(dataclasses.replace(plan, body=None))
+
+
+def test_open_hand_of_the_best_grasp_is_clear_of_misplaced_objects(plan):
+    """By coal's distances, in other directions than those that the search looks in."""
+    opened, hand, body = plan.motion.q[0], plan.hand, plan.body
+    for turn in np.random.default_rng().uniform(0, 2 * np.pi, size=12):
+        away = np.eye(4)
+        away[:3, 3] = 0.005 * np.array([np.cos(turn), np.sin(turn), 0.0])
+        assert clearance(hand, body.placed(away @ body.pose), opened) > 0, turn
+
+
+@pytest.mark.parametrize("given", ["0", "1.5", "-3", "3,5", "3,0,5", "3,5,200", "three"])
+def test_impossible_pose_errors_are_refused_by_the_command_line(given):
+    with pytest.raises(InvalidInput, match="pose-errors|distance|angle"):
+        StudyOptions(pose_errors=given).read_pose_errors()
+
+
+def test_pose_errors_of_the_command_line_are_in_millimetres_and_degrees():
+    count, errors = StudyOptions(pose_errors="7,4,9").read_pose_errors()
+    assert count == 7
+    assert errors.pose == PoseError(distance=0.004, angle=np.radians(9.0))
+    assert StudyOptions(pose_errors="7").read_pose_errors()[1].pose == PoseError()
