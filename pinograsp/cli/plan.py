@@ -309,7 +309,7 @@ def print_plan(plan: GraspPlan, folder: Path, session: Session) -> None:
             ("search", known["search"]),
             ("friction", known["friction"]),
             ("it withstands", describe_robustness(plan)),
-            *([] if plan.tolerance is None else [("it holds", plan.tolerance.describe())]),
+            *([] if plan.tolerance is None else [("it is held", plan.tolerance.describe())]),
             *remarks[:2],
         ]
         if left := len(remarks[2:]) + len(plan.notes):

@@ -10,13 +10,13 @@ import pinocchio as pin
 from pinograsp.checks import read_only
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.contacts.misplaced import ClosingCommands, Pressing, close_misplaced
-from pinograsp.plan.tolerance import PoseError, PoseTolerance
+from pinograsp.plan.tolerance import SMALLEST, PoseError, PoseTolerance
 from pinograsp.spatial import Array, BoolArray
 
 STEP = 0.01  # [s] of the commands
 CLOSED, HOLD = 0.1, 0.4  # [s] after t_F until joints are held where they are; of the hold
 _STIFFNESS = 500.0, 5e4  # [N/m] of a link's contacts, at least and at most
-SIZES = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)  # of the error that is asked about
+_SIZES = (SMALLEST, 1.0, 1.5, 2.0, 3.0, 4.0)  # of the error that is asked about
 
 
 def sample_commands(
@@ -53,10 +53,8 @@ def measure_tolerance(
     pressing: Pressing,
     error: PoseError,
     threads: int | None = 1,
-    *,
-    sizes: Sequence[float] = SIZES,
 ) -> PoseTolerance:
-    """Errors of all directions in rising ``sizes``, shares of the error's, until one loses the object."""
+    """Errors of all directions in rising sizes, until one loses the object."""
     gravity = pressing.gravity_o
     up = -gravity / np.linalg.norm(gravity) if pressing.on_table else None
     displaced, turned = error.spread(up)
@@ -67,7 +65,7 @@ def measure_tolerance(
 
     reached, asked, worst = 0.0, None, np.zeros(3)
     if keep(0.0)[:1].all():
-        for size in sizes:
+        for size in _SIZES:
             kept = keep(size)
             asked = float(kept.mean()) if size == 1.0 else asked
             if not kept.all():

@@ -115,7 +115,7 @@ class PlanRecord:
             f"impact at {forces.impact_time:g} s, complete at {forces.final_time:g} s; peak joint effort "
             f"{self.peak_efforts()}; left over {forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m",
             held,
-            "" if self.tolerance is None else f"holds {self.tolerance.describe()}",
+            "" if self.tolerance is None else f"the object is held {self.tolerance.describe()}",
             *(f"caution: {one}" for one in self.cautions),
             *(f"note: {one}" for one in self.notes),
         )

@@ -13,8 +13,9 @@ from pinograsp.plan.plain_fields import Plain, plain_fields
 from pinograsp.spatial import Array
 from pinograsp.words import format_number
 
-LEAST = 3e-3  # [m] below which a grasp is said to ask for much
-ASKS_MUCH = "holds only what is in its place to"  # how such a caution begins
+_LEAST = 3e-3  # [m] below which a grasp asks for a well-placed object
+SMALL = "the object must be well placed: it is held"  # how the caution of that begins
+SMALLEST = 0.5  # of the error that is asked about: what is tried first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,19 +96,21 @@ class PoseTolerance:
     @property
     def is_small(self) -> bool:
         """Whether it is less than 3 mm."""
-        return self.distance < LEAST
+        return self.distance < _LEAST
 
     def describe(self) -> str:
         """In words, as the end of a sentence that says that the grasp holds."""
-        where = "along the table" if self.on_table else "in any direction, as long as it stays while it is grasped"
         if not self.distance:
-            return "if the object is exactly where you say: even small errors lose it"
-        return (
-            f"if the object is within {format_number(1e3 * self.distance, 2)} mm and "
-            f"{format_number(math.degrees(self.angle), 2)} deg of where you say, {where}"
-        )
+            least = _size(SMALLEST * self.asked_distance, SMALLEST * self.asked_angle)
+            return f"only where you say: {least} off, in some direction, lose it"
+        where = "along the table" if self.on_table else "in any direction, as long as it stays while it is grasped"
+        return f"if it is within {_size(self.distance, self.angle)} of where you say, {where}"
 
     def summary(self) -> Plain:
         """As plain JSON values."""
         units = {"distance": "distance_m", "angle": "angle_rad"}
         return plain_fields(self, **units, asked_distance="asked_distance_m", asked_angle="asked_angle_rad")
+
+
+def _size(distance: float, angle: float) -> str:
+    return f"{format_number(1e3 * distance, 2)} mm and {format_number(math.degrees(angle), 2)} deg"

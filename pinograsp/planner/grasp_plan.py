@@ -31,13 +31,12 @@ from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
 from pinograsp.plan import PlanFailure, PlanRecord, PoseError, Simulation
-from pinograsp.plan.tolerance import ASKS_MUCH, LEAST
+from pinograsp.plan.tolerance import SMALL
 from pinograsp.planner.compliance import describe_band, find_band, find_gains, stiffness_of
 from pinograsp.planner.margins import find_margins, find_reach, margin_cautions
 from pinograsp.planner.tolerance import find_tolerance
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
-from pinograsp.words import format_number
 from pinograsp.writing import NewFolder
 
 if TYPE_CHECKING:
@@ -96,8 +95,8 @@ class GraspPlan(PlanRecord):
         if known or self.status is not Status.OK or self.closure is None or not core.is_installed():
             return self
         found = find_tolerance(self, error)
-        others = [one for one in self.cautions if not one.startswith(ASKS_MUCH)]
-        small = (f"{ASKS_MUCH} {format_number(1e3 * LEAST, 2)} mm: {found.describe()}",) if found.is_small else ()
+        others = [one for one in self.cautions if not one.startswith(SMALL)]
+        small = (f"{SMALL} {found.describe()}",) if found.is_small else ()
         return replace(self, tolerance=found, cautions=(*others, *small))
 
     def force_band(self, stiffness: ArrayLike | None = None, factors: ArrayLike = FACTORS) -> ForceBand:

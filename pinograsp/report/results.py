@@ -106,7 +106,7 @@ def _tolerance(plan: PlanRecord) -> list[Finding]:
     asked = (
         f"{format_number(1e3 * found.asked_distance, 2)} mm and {format_number(math.degrees(found.asked_angle), 2)} deg"
     )
-    text = f"It holds {found.describe()}; of {found.count} errors of {asked} it keeps {100 * found.kept:.0f} %."
+    text = f"It is held {found.describe()}; of {found.count} errors of {asked} it keeps {100 * found.kept:.0f} %."
     return [Finding("How exactly must the object be there?", text, "caution" if found.is_small else "yes")]
 
 
