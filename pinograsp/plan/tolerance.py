@@ -28,7 +28,7 @@ class PoseError:
         count: directions that are tried, evenly spread.
 
     Raises:
-        InvalidInput: values below 0, both 0, or fewer than 4 directions.
+        InvalidInput: a distance that is not above 0, an angle below 0 or above a half turn, fewer than 4 directions.
     """
 
     distance: float = 5e-3
