@@ -24,7 +24,7 @@ from pinograsp.synthesis.found import SOUND
 
 FAR = 0.02  # slip of a contact while it presses, relative to the object's size
 _OTHER = 0.1  # share by which a force at rest is another one than planned
-_TRIES = 4  # plans that are not firm, before the firmest of them is taken
+_TRIES = 4  # plans that are not firm, or lose misplaced objects, before the best of them is taken
 _MOST_FAULTS = 6  # that :func:`_count_faults` counts
 _SHAKEN = 0.5  # of the acceleration that the reserve's force stands for
 
@@ -42,7 +42,7 @@ def plan_best(
     Those whose contacts slide far while they press, lie on edges or press past them, those in which other links press
     on the object, too, those whose forces come out other than planned, and those in which the hand's own servos and the
     contacts let the object go, or give way far to the push of the reserve (:meth:`GraspPlan.object_stiffness`), come
-    after the others; of two that are firm, the one that keeps more of what is 5 mm and 5 deg off its place comes first.
+    after the others; of firm ones, those that keep more of what is 5 mm and 5 deg off its place come first.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -76,8 +76,7 @@ def plan_best(
             refused.append((error, task))
             continue
         faults = _count_faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
-        if not faults:
-            plan = plan.with_tolerance()
+        plan = plan.with_tolerance()
         lost = 0.0 if plan.tolerance is None else 1.0 - plan.tolerance.kept
         if check and plan.status is Status.OK:
             plan, held = _check(plan)
@@ -86,9 +85,8 @@ def plan_best(
             return plan
         if best is None or faults + lost < fewest:
             best, fewest = plan, faults + lost
-        # A firm plan that loses misplaced objects is compared with one more.
-        tried += (plan.status is Status.OK) * (1 if faults else _TRIES // 2)
-        if tried >= _TRIES or (best.status is Status.OK and grasp.sound < SOUND):
+        tried += plan.status is Status.OK
+        if tried == _TRIES or (best.status is Status.OK and grasp.sound < SOUND):
             break
     if best is not None:
         if best.status is not Status.OK:
