@@ -30,6 +30,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, GraspConditions, Reserve
 from pinograsp.hands import HandModel, load_hand
 from pinograsp.hands.file_reads import Kept
+from pinograsp.hands.joint_limits import find_placeholders
 from pinograsp.hands.load import Masses
 from pinograsp.objects import object_from
 from pinograsp.objects.body import Body
@@ -84,9 +85,9 @@ class ObjectCase(CaseSection):
     are to have, as of :func:`~pinograsp.synthesis.find_grasps`. ``friction``: None: as
     :class:`~pinograsp.forces.GraspConditions` choose it. ``reserve``: ``"none"``, ``"default"``, its fields, or a text
     of them; not given: the default one, and none where the search or the objective knows none. ``torque_limit``: of
-    every joint [N m or N], where it is below its effort limit. ``check``: simulate grasps that were found, and take one
-    that is held. ``posture``: of joints
-    of no finger, as of an arm, by name [rad or m]. Relative paths start at
+    every joint [N m or N], where it is below its effort limit, or that is a placeholder. ``check``: simulate grasps
+    that were found, and take one that is held. ``posture``: of joints of no finger, as of an arm, by name [rad or m].
+    Relative paths start at
     ``folder``.
     """
 
@@ -230,7 +231,10 @@ class ObjectCase(CaseSection):
         """Of each joint (n,) [N m or N]."""
         if self.torque_limit is None:
             return "effort"
-        return np.minimum(self.load_hand().effort_or_infinity, self.torque_limit)
+        hand = self.load_hand()
+        return np.where(
+            find_placeholders(hand), self.torque_limit, np.minimum(hand.effort_or_infinity, self.torque_limit)
+        )
 
     def _friction(self) -> Friction | None:
         if self.friction is None and self.search != "convex":

@@ -67,7 +67,7 @@ class AloneOptions:
     table: bool = _pair("The object stands on a table: the hand keeps above it.", "--table", default=False)
     torque_limit: float | None = _pair(
         "Of every joint \\[N m or N], where it is below the effort limit of the hand's file, which may be far too "
-        "generous."
+        "generous, or that looks like a placeholder."
     )
     check: bool = _pair(
         "Simulate the grasps that were found, at rest and shaken, and take one that is held.", "--check", default=False

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from pinograsp.hands.drives import Drive
 from pinograsp.hands.model import Finger, HandModel
+from pinograsp.spatial import Array, BoolArray
 from pinograsp.words import few, printable
 
 # Of the force at a fingertip [N]: adaptive grippers press with up to 235 N, the weakest hands with 3 N.
@@ -54,9 +55,48 @@ def with_effort_limits(hand: HandModel, efforts: Mapping[str, float], drives: It
 
 
 def placeholder_notes(hand: HandModel) -> list[str]:
-    """Notes on effort limits that no hand has, by the force at a fingertip that they make, known ones left out; and on
-    inertias of motors, by the mass there.
+    """Notes on effort limits that no hand has, by the force at a fingertip that they make; and on inertias of motors,
+    by the mass there.
     """
+    arms, notes = _arms(hand), list[str]()
+    heavy = [
+        f"{printable(joint, 60)} {own:.3g} {'kg' if sliding else 'kg m^2'} (as {own / arm**2:.2g} kg at a fingertip)"
+        for joint, own, arm, sliding in zip(hand.joint_names, np.ravel(hand.model.armature), arms, hand.slides)
+        if arm > 0 and own > _HEAVIEST * arm**2
+    ]
+    if heavy:
+        notes.append(
+            f"motors' inertias (armature) that look like placeholders: {few(heavy, _NAMED)}; plans and simulations "
+            "accelerate them all the same: correct the file"
+        )
+    odd = [
+        f"{printable(joint, 60)} {effort:g} {'N' if sliding else 'N m'} ({effort / arm:.2g} N at a fingertip)"
+        for joint, effort, arm, sliding, is_one in zip(
+            hand.joint_names, hand.effort, arms, hand.slides, find_placeholders(hand)
+        )
+        if is_one
+    ]
+    if odd:
+        notes.append(
+            f"{PLACEHOLDERS}: {few(odd, _NAMED)}; plans keep to them: correct the file, or say what the motors make, "
+            "GraspConditions(torque_limit=...), --torque-limit"
+        )
+    return notes
+
+
+def find_placeholders(hand: HandModel) -> BoolArray:
+    """Which joints have an effort limit that no hand has (n,): too little or too much force at a fingertip; limits of
+    known motors are none.
+    """
+    arms = _arms(hand)
+    known = {name for drive in hand.drives if (one := drive.source("limit")) and not one.guess for name in drive.joints}
+    force = np.divide(hand.effort, arms, out=np.full(hand.n, _LEAST), where=(arms > 0) & (hand.effort > 0))
+    odd: BoolArray = ((force < _LEAST) | (force > _MOST)) & ~np.isin(hand.joint_names, sorted(known))
+    return odd
+
+
+def _arms(hand: HandModel) -> Array:
+    """Effort per newton at a fingertip (n,) [m; 1 where joints slide]; 0 of joints of no finger."""
     data = hand.model.createData()
     pin.forwardKinematics(hand.model, data, (hand.lower + hand.upper) / 2)
     arms = np.zeros(hand.n)
@@ -64,30 +104,7 @@ def placeholder_notes(hand: HandModel) -> list[str]:
         for i in finger.dofs:
             first = next(j for j in finger.joint_ids if hand.model.joints[j].idx_v == i)
             arms[i] += abs(hand.ratio(first)) * (1.0 if hand.slides[i] else _reach(hand, data, finger, first))
-    known = {name for drive in hand.drives if (one := drive.source("limit")) and not one.guess for name in drive.joints}
-    odd = []
-    for joint, effort, arm, sliding in zip(hand.joint_names, hand.effort, arms, hand.slides):
-        if arm > 0 and effort > 0 and joint not in known and not _LEAST <= effort / arm <= _MOST:
-            unit = "N" if sliding else "N m"
-            odd.append(f"{printable(joint, 60)} {effort:g} {unit} ({effort / arm:.2g} N at a fingertip)")
-    heavy = [
-        f"{printable(joint, 60)} {own:.3g} {'kg' if sliding else 'kg m^2'} (as {own / arm**2:.2g} kg at a fingertip)"
-        for joint, own, arm, sliding in zip(hand.joint_names, np.ravel(hand.model.armature), arms, hand.slides)
-        if arm > 0 and own > _HEAVIEST * arm**2
-    ]
-    notes = []
-    if heavy:
-        notes.append(
-            f"motors' inertias (armature) that look like placeholders: {few(heavy, _NAMED)}; plans and simulations "
-            "accelerate them all the same: correct the file"
-        )
-    if not odd:
-        return notes
-    return [
-        *notes,
-        f"{PLACEHOLDERS}: {few(odd, _NAMED)}; plans keep to them: correct the file, or say "
-        "what the motors make, GraspConditions(torque_limit=...)",
-    ]
+    return arms
 
 
 def _reach(hand: HandModel, data: pin.Data, finger: Finger, joint: int) -> float:
