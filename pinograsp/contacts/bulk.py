@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import coal
 import numpy as np
 
 from pinograsp import core
@@ -13,6 +14,7 @@ from pinograsp.contacts.clearance import PALM, HandPart, check_geometry, parts_o
 from pinograsp.contacts.compiled import SupportShape, corners_of, joints_of, support_shape
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.core.threads import share_out
+from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_points
 from pinograsp.objects.body import Body
@@ -72,7 +74,7 @@ class BulkScene:
 
     Raises:
         ExtraMissing: the compiled core is not installed, or the object is not convex and coacd (extra ``mesh``) is not.
-        InvalidInput: a hand without geometry.
+        InvalidInput: a hand without geometry, or a kind of geometry that the core does not know.
     """
 
     def __init__(self, hand: HandModel, body: Body, *, surface: bool = False):
@@ -87,7 +89,12 @@ class BulkScene:
         names = [PALM, *(finger.name for finger in hand.fingers)]
         self.fingers = np.array([names.index(part.finger) if part.finger else -1 for part in self.parts])
         self.collisions = SelfCollisions(hand)
-        self.compiled = self._compile(surface)
+        try:
+            self.compiled = self._compile(surface)
+        except InvalidInput:
+            raise
+        except ValueError as error:  # of the core
+            raise InvalidInput(f"hand, object: expected solids and meshes with volume, got others ({error})") from error
 
     def contacts(
         self,
@@ -169,6 +176,8 @@ class BulkScene:
         whole = support_shape(geometry)
         if whole.points.size:
             compiled.add_solid(*whole)
+        elif not isinstance(geometry, coal.BVHModelBase):
+            raise InvalidInput(f"object: expected a solid or a mesh, got coal's {type(geometry).__name__}")
         else:
             whole = SupportShape(hull_points(geometry), np.zeros(3))
             for corners in _parts(self.body, surface):

@@ -89,12 +89,16 @@ class GraspPlan(PlanRecord):
     def with_tolerance(self, error: PoseError | None = None) -> GraspPlan:
         """The same plan with how far its object may be from where it is planned, and a caution where that is less than
         3 mm: see :func:`~pinograsp.planner.find_tolerance`. Of a plan that is not ``OK``, or of given contacts, or
-        without the compiled core, the plan as it is.
+        without the compiled core, or of geometry that it does not know, the plan as it is.
         """
+        instance_of("error", error, PoseError, type(None))
         known = self.tolerance is not None and error is None
         if known or self.status is not Status.OK or self.closure is None or not core.is_installed():
             return self
-        found = find_tolerance(self, error)
+        try:
+            found = find_tolerance(self, error)
+        except InvalidInput:  # geometry that the core does not know
+            return self
         others = [one for one in self.cautions if not one.startswith(SMALL)]
         small = (f"{SMALL} {found.describe()}",) if found.is_small else ()
         return replace(self, tolerance=found, cautions=(*others, *small))

@@ -16,7 +16,7 @@ from pinograsp.contacts import (
 )
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.contacts.support_plane import SupportPlane, deepest_below
-from pinograsp.errors import PinograspError
+from pinograsp.errors import InvalidInput, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hulls
@@ -108,8 +108,11 @@ def hand_of_hulls(hand: HandModel) -> HandModel:
 
 
 def scene_of(rough: HandModel, body: Body) -> BulkScene | None:
-    """Hand and object for the compiled core; None without it."""
-    return BulkScene(rough, body, surface=True) if core.is_installed() else None
+    """Hand and object for the compiled core; None without it, or of geometry that it does not know."""
+    try:
+        return BulkScene(rough, body, surface=True) if core.is_installed() else None
+    except InvalidInput:
+        return None
 
 
 def _usable(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:

@@ -3,6 +3,7 @@
 import dataclasses
 from types import SimpleNamespace
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -198,3 +199,19 @@ def test_pose_errors_of_the_command_line_are_in_millimetres_and_degrees():
     assert count == 7
     assert errors.pose == PoseError(distance=0.004, angle=np.radians(9.0))
     assert StudyOptions(pose_errors="7").read_pose_errors()[1].pose == PoseError()
+
+
+def test_geometry_that_the_core_does_not_know_is_left_out(plan):
+    """A solid of somebody's own, a cone: grasps of it have no tolerance, and nothing fails."""
+
+    class Cone(pg.Cylinder):
+        @property
+        def collision_geometry(self):
+            return coal.Cone(self.radius, self.height)
+
+    cone = Cone(radius=0.025, height=0.1, mass=0.1)
+    with pytest.raises(InvalidInput, match="Cone"):
+        BulkScene(plan.hand, cone, surface=True)
+    assert dataclasses.replace(plan, body=cone, tolerance=None).with_tolerance().tolerance is None
+    with pytest.raises(InvalidInput, match="error"):
+        plan.with_tolerance(0.005)

@@ -624,7 +624,7 @@ struct Scene {
     // The object's own surface, after its solids; without any it stands for them.
     void put(Numbers triangles) {
         own.surface = surface_of(triangles);
-        if (own.solids.empty()) own.solids.push_back(own.surface);
+        if (own.solids.empty() && !own.surface.empty()) own.solids.push_back(own.surface);
     }
 
     // The object's convex hull.
