@@ -87,8 +87,7 @@ class ObjectCase(CaseSection):
     of them; not given: the default one, and none where the search or the objective knows none. ``torque_limit``: of
     every joint [N m or N], where it is below its effort limit, or that is a placeholder. ``check``: simulate grasps
     that were found, and take one that is held. ``posture``: of joints of no finger, as of an arm, by name [rad or m].
-    Relative paths start at
-    ``folder``.
+    Relative paths start at ``folder``.
     """
 
     hand: str

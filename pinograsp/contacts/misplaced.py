@@ -10,12 +10,14 @@ from pinograsp import core
 from pinograsp.checks import brief
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.core.threads import share_out
+from pinograsp.hands.servos import SETTLING
+from pinograsp.plan.simulation import MOVED, TURNED
 from pinograsp.spatial import Array, BoolArray
 
-MOVED, TURNED = 5e-3, np.radians(10.0)  # [m], [rad] after it was let go: more is lost
 _OVERLAP = 5e-4  # [m] of the open hand and the object: more is lost, since the hand could not come there
 _CREPT = 2.5e-3  # [m] in the last half of the hold: more is not at rest
 _AT_ONCE = 4  # places of a thread
+_ROTORS = 1e-2, 1e-5  # [kg], [kg m^2] inertia at joints that slide, and that turn: implicit steps need no more
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,7 +94,7 @@ class MisplacedOutcomes:
     @property
     def kept(self) -> BoolArray:
         """Whether the hand holds it (N,); a hand that is in the object's way does not."""
-        kept: BoolArray = (self.overlap < _OVERLAP) & (self.moved < MOVED) & (self.turned < TURNED)
+        kept: BoolArray = (self.overlap < _OVERLAP) & (self.moved < MOVED) & (self.turned < np.radians(TURNED))
         return kept & (self.crept < _CREPT)
 
 
@@ -109,7 +111,7 @@ def close_misplaced(
     """
     body, slides = scene.body, scene.hand.slides
     turn = body.shape_pose[:3, :3]
-    damping = _SETTLING * commands.stiff
+    damping = SETTLING * commands.stiff
     soft_damping = damping * np.sqrt(commands.soft / np.maximum(commands.stiff, 1e-12))
     gains = [commands.soft, soft_damping, commands.stiff, damping, np.where(slides, *_ROTORS), commands.limit]
     given = core.load().ClosingGiven(
@@ -137,7 +139,3 @@ def close_misplaced(
     share_out(close, starts, threads)
     overlap, moved, turned, crept, pushed = found.T
     return MisplacedOutcomes(overlap=overlap, moved=moved, turned=turned, crept=crept, pushed=pushed)
-
-
-_SETTLING = 0.01  # [s] ratio of a servo's damping to its stiffness, as in the simulation
-_ROTORS = 1e-2, 1e-5  # [kg], [kg m^2] inertia at joints that slide, and that turn: implicit steps need no more

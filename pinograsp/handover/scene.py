@@ -23,11 +23,12 @@ from pinograsp.handover.trajectory import JointTrajectory
 from pinograsp.hands import HandModel
 from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.hands.mujoco_callbacks import without_callbacks
+from pinograsp.hands.servos import SETTLING
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord
+from pinograsp.plan.simulation import MOVED, TURNED
 from pinograsp.simulation.scene import COUPLED_STEPS, compile_model, outline
 from pinograsp.simulation.settings import Servo
-from pinograsp.simulation.verdict import MOVED, TURNED
 from pinograsp.spatial import Array, IntArray
 from pinograsp.words import printable
 from pinograsp.writing import write_file
@@ -47,9 +48,6 @@ _SUPPORT = 800.0  # [rad/s] natural frequency of the object on its support
 _FADING = 0.1  # [s] in which the support lets go
 _RATIO, _NO_SLIP = 10.0, 10  # friction is stiffer than the normal, and does not creep
 _PRESS = 2.0  # times its force: how far ahead the servo of a jaw is, so that its limit is met
-# Ratio of damping to stiffness [s], stable for links of hardly any mass. Couplings need damping that is not implicit:
-# critical there.
-_SETTLING = 0.01
 # Least inertia at a joint [kg m^2, kg]: links of hardly any mass chatter in contacts, and real joints have motors.
 _ROTOR, _SLIDING_ROTOR = 1e-4, 1e-4 / 0.03**2
 _LONGEST_HOLD = 60.0  # [s]
@@ -325,7 +323,7 @@ def _add_drives(
             if own is not None:
                 motor.biasprm[2] = -own
             else:  # above zero: a damping ratio
-                motor.biasprm[2] = 1.0 if hand.couplings else -_SETTLING * kp[i]
+                motor.biasprm[2] = 1.0 if hand.couplings else -SETTLING * kp[i]
         limit = float(pressing[i]) if command == "jaw" else drive.limit
         if math.isfinite(limit) and limit > 0:
             motor.forcelimited, motor.forcerange = True, [-limit, limit]

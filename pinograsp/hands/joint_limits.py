@@ -72,7 +72,7 @@ def placeholder_notes(hand: HandModel) -> list[str]:
     odd = [
         f"{printable(joint, 60)} {effort:g} {'N' if sliding else 'N m'} ({effort / arm:.2g} N at a fingertip)"
         for joint, effort, arm, sliding, is_one in zip(
-            hand.joint_names, hand.effort, arms, hand.slides, find_placeholders(hand)
+            hand.joint_names, hand.effort, arms, hand.slides, _are_placeholders(hand, arms)
         )
         if is_one
     ]
@@ -88,7 +88,10 @@ def find_placeholders(hand: HandModel) -> BoolArray:
     """Which joints have an effort limit that no hand has (n,): too little or too much force at a fingertip; limits of
     known motors are none.
     """
-    arms = _arms(hand)
+    return _are_placeholders(hand, _arms(hand))
+
+
+def _are_placeholders(hand: HandModel, arms: Array) -> BoolArray:
     known = {name for drive in hand.drives if (one := drive.source("limit")) and not one.guess for name in drive.joints}
     force = np.divide(hand.effort, arms, out=np.full(hand.n, _LEAST), where=(arms > 0) & (hand.effort > 0))
     odd: BoolArray = ((force < _LEAST) | (force > _MOST)) & ~np.isin(hand.joint_names, sorted(known))

@@ -11,6 +11,10 @@ from pinograsp.hands.drives import SERVO, SLIDING_SERVO
 from pinograsp.hands.model import HandModel
 from pinograsp.spatial import Array
 
+# Ratio of damping to stiffness [s], stable for links of hardly any mass. MuJoCo's couplings need damping that is not
+# implicit: critical there.
+SETTLING = 0.01
+
 
 def unknown_stiffness(hand: HandModel) -> str | None:
     """What is assumed where the stiffness of a hand's servos is not known, in words; None where it is."""

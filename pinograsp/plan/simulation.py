@@ -12,6 +12,9 @@ from pinograsp.checks import brief
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
 
+# The object counts as held if it has moved less than this since the release and has come to rest.
+MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verdict:

@@ -8,9 +8,10 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.plan import History
+from pinograsp.plan.simulation import MOVED, TURNED
 from pinograsp.simulation.settings import Disturbance, Servo
 from pinograsp.simulation.task import Task
-from pinograsp.simulation.verdict import AT_LIMIT, MOVED, SLIPPED, TURNED
+from pinograsp.simulation.verdict import AT_LIMIT, SLIPPED
 from pinograsp.spatial import Array, BoolArray
 
 _MOST = 3  # causes told

@@ -70,8 +70,8 @@ class Errors:
     def __post_init__(self) -> None:
         kept: float | tuple[float, ...]
         instance_of("error of pose", self.pose, PoseError, type(None))
-        for field in fields(self)[:-1]:
-            name, value = field.name, getattr(self, field.name)
+        for name in (field.name for field in fields(self) if field.name != "pose"):
+            value = getattr(self, name)
             several = name in _SEVERAL and not isinstance(value, Real)
             if several and floats_of(f"error of {name}", value).ndim:
                 values = array_of(f"error of {name}", value, (2 if name in _RANGES else 3,))

@@ -24,12 +24,12 @@ from pinograsp.checks import (
 )
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel, servo_gains
+from pinograsp.hands.servos import SETTLING
 from pinograsp.spatial import Array
 
 _ROTOR = 1e-4  # [kg m^2]
 _MOST_MU = 1e6
 _STIFFNESSES = (1e-3, 1e4)  # ratios of real to planned contact stiffness: foam for plastic to steel for rubber
-_SETTLING = 0.01  # [s] ratio of damping to stiffness
 _LIMP = 0.1  # torque control is damped as servos with this share of the default stiffness
 
 Control = Literal["torque", "position", "impedance"]
@@ -133,7 +133,7 @@ class Servo:
             inertia = np.diag(pin.crba(model, model.createData(), np.clip(hand.resting, hand.lower, hand.upper)))
             damped = 2 * np.sqrt(felt * (inertia - model.armature + rotor))
         else:
-            damped = _SETTLING * felt
+            damped = SETTLING * felt
         return cls(stiffness=0.0 * chosen if torque else chosen, damping=damped, rotor=rotor, control=control)
 
     def scale_gains(self, factor: float) -> Servo:

@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pinograsp.plan import History, Verdict
+from pinograsp.plan.simulation import MOVED, TURNED
 from pinograsp.simulation.options import SimulationOptions
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, BoolArray
 
-# The object counts as held if it has moved less than this since the release and has come to rest.
-MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
 RESTING = 5e-4  # [m] of motion in the last fifth of the hold, of shaken hands whole periods apart
 GONE = 0.05  # [m] an object that has moved this far is lost
 SLIPPED = 1e-4  # [m]

@@ -88,14 +88,14 @@ public:
     }
 
 private:
-    static constexpr double near = 3e-3, deep = 2e-2;       // [m] of the surface: what may touch in a step
-    static constexpr double sink = 1e-4, bearing = 2e-3;    // [m] into the table; above it, what may touch it
-    static constexpr double shearing = 2.0;                 // of the normal stiffness
-    static constexpr double table_shear = 5e4;              // [N/m]
-    static constexpr double least_arm = 1e-3, gone = 0.05;  // [m]
-    static constexpr double most_turn = 0.2;                // [rad] in a step; [m] as well
-    static constexpr double lean = 0.1;                     // [rad] of faces that press as areas
-    static constexpr double tilt = 0.3;                     // [rad] of what the table may bear
+    static constexpr double near = 3e-3, deep = 2e-2;        // [m] of the surface: what may touch in a step
+    static constexpr double sink = 1e-4, near_table = 2e-3;  // [m] into the table; above it, what may touch it
+    static constexpr double shearing = 2.0;                  // of the normal stiffness
+    static constexpr double table_shear = 5e4;               // [N/m]
+    static constexpr double least_arm = 1e-3, gone = 0.05;   // [m]
+    static constexpr double most_turn = 0.2;                 // [rad] in a step; [m] as well
+    static constexpr double lean = 0.1;                      // [rad] of faces that press as areas
+    static constexpr double tilt = 0.3;                      // [rad] of directions about down
     static constexpr int around = 16, rounds = 6;
     static constexpr double alike = 1e-7;  // [m, rad] change of a step that ends its rounds
 
@@ -103,7 +103,7 @@ private:
     struct Patch {
         int first = 0, normals = 0;
         double stiffness = 0.0, shear = 0.0, spin = 0.0;  // of each normal; of the others [N/m, N m/rad]
-        double mu = 0.0, turning = 0.0;                   // limits per newton [-], [m]
+        double turning = 0.0;                             // limit of the last per newton [m]
         double force[3]{};                                // of the last three, before the step
         double trial[3]{}, share[3]{};
         Triple x{}, y{};
@@ -130,7 +130,6 @@ private:
         soft_ = true;
         const double size = length(object_.gravity);
         up_ = size > 0.0 ? (-1.0 / size) * object_.gravity : Triple{0.0, 0.0, 1.0};
-        height_ = 0.0;
         height_ = dot(up_, world_.act(farthest(world_.turn_back(-1.0 * up_))));
     }
 
@@ -213,30 +212,23 @@ private:
 
     // A row of how the hand's point `at` comes nearer to the object along a direction; -1: a point that stays.
     void add_row(std::int64_t touch, const Triple& along, const Triple& at) {
-        const std::size_t start = rows_.size();
-        rows_.resize(start + m_, 0.0);
-        double* to = rows_.data() + start;
-        if (touch >= 0) {
-            const double* jacobian = touches_.jacobians.data() + 6 * n_ * touch;
-            const Triple arm = cross(at - triple(touches_.points, touch), along);
-            for (int j = 0; j < n_; ++j)
-                for (int x = 0; x < 3; ++x)
-                    to[j] += along[x] * jacobian[x * n_ + j] + arm[x] * jacobian[(3 + x) * n_ + j];
-        }
-        const Triple arm = cross(at - object_.centre, along);
-        for (int x = 0; x < 3; ++x) to[n_ + x] = -along[x], to[n_ + 3 + x] = -arm[x];
+        const Triple hand = touch < 0 ? Triple{} : cross(at - triple(touches_.points, touch), along);
+        add_row(touch, along, hand, cross(at - object_.centre, along));
     }
 
-    void add_spin(std::int64_t touch, const Triple& axis) {
+    // A row of the motion along a direction and about axes: the hand's about the touching point, the object's about its
+    // centre.
+    void add_row(std::int64_t touch, const Triple& along, const Triple& hand, const Triple& object) {
         const std::size_t start = rows_.size();
         rows_.resize(start + m_, 0.0);
         double* to = rows_.data() + start;
         if (touch >= 0) {
             const double* jacobian = touches_.jacobians.data() + 6 * n_ * touch;
             for (int j = 0; j < n_; ++j)
-                for (int x = 0; x < 3; ++x) to[j] += axis[x] * jacobian[(3 + x) * n_ + j];
+                for (int x = 0; x < 3; ++x)
+                    to[j] += along[x] * jacobian[x * n_ + j] + hand[x] * jacobian[(3 + x) * n_ + j];
         }
-        for (int x = 0; x < 3; ++x) to[n_ + 3 + x] = -axis[x];
+        for (int x = 0; x < 3; ++x) to[n_ + x] = -along[x], to[n_ + 3 + x] = -object[x];
     }
 
     static Triple triple(const std::vector<double>& from, std::size_t i) {
@@ -244,74 +236,68 @@ private:
     }
 
     void add_touch(std::size_t t) {
-        const int corners = static_cast<int>(touches_.counts[t]);
-        const Triple normal = triple(touches_.normals, t);
-        Patch patch = open_patch(corners);
-        patch.part = static_cast<int>(touches_.part[t]);
-        Triple middle{};
-        for (int c = 0; c < corners; ++c) {
-            const Triple corner = triple(touches_.corners, 4 * t + c);
-            middle = middle + (1.0 / corners) * corner;
-            add_row(t, normal, corner);
+        points_.clear();
+        for (int c = 0; c < touches_.counts[t]; ++c) {
+            points_.push_back(triple(touches_.corners, 4 * t + c));
             gaps_.push_back(touches_.gap[t] + touches_.leaning[4 * t + c]);
         }
-        double wide = 0.0;
-        for (int c = 0; c < corners; ++c) {
-            const Triple arm = triple(touches_.corners, 4 * t + c) - middle;
-            wide += dot(arm, arm) / corners;
-        }
-        const double whole = object_.stiffness[patch.part];
-        patch.stiffness = whole / corners;
-        patch.turning = object_.torsion + object_.mu * std::sqrt(wide);
-        patch.shear = shearing * whole;
-        close_patch(patch, t, normal, middle, shear_[patch.part], spin_[patch.part]);
+        const int part = static_cast<int>(touches_.part[t]);
+        const double stiffness = object_.stiffness[part];
+        add_patch(t, triple(touches_.normals, t), part, {stiffness, shearing * stiffness, object_.torsion},
+                  {shear_[part], spin_[part]});
     }
 
-    Patch open_patch(int normals) const {
-        Patch patch;
-        patch.first = static_cast<int>(gaps_.size()), patch.normals = normals, patch.mu = object_.mu;
-        return patch;
-    }
-
-    void close_patch(Patch& patch, std::int64_t touch, const Triple& normal, const Triple& at, const Triple& shear,
-                     double spin) {
-        const double arm = std::max(patch.turning / std::max(patch.mu, 1e-6), least_arm);
-        patch.spin = patch.shear * arm * arm;
-        patch.x = across(normal), patch.y = cross(normal, patch.x);
-        add_row(touch, patch.x, at), add_row(touch, patch.y, at), add_spin(touch, normal);
-        patch.force[0] = dot(patch.x, shear), patch.force[1] = dot(patch.y, shear), patch.force[2] = spin;
-        gaps_.insert(gaps_.end(), 3, 0.0);
-        patches_.push_back(patch);
-    }
-
-    // What bears the object: the points that are lowest, seen along several directions about down.
+    // The object on the table: at the points that are lowest, seen along several directions about down.
     void add_table() {
         const Triple up = world_.turn_back(up_), x = across(up), y = cross(up, x);
-        bearing_.clear();
+        points_.clear();
         for (int i = -1; i < around; ++i) {
             const double turn = 2.0 * 3.14159265358979 * i / around;
             Triple along = -1.0 * up;
             if (i >= 0) along = std::sin(tilt) * (std::cos(turn) * x + std::sin(turn) * y) - std::cos(tilt) * up;
             const Triple point = farthest(along);
-            if (dot(up_, world_.act(point)) - height_ > bearing) continue;
+            const double above = dot(up_, world_.act(point)) - height_;
+            if (above > near_table) continue;
             const auto same = [&](const Triple& one) { return length(one - point) < 1e-9; };
-            if (std::none_of(bearing_.begin(), bearing_.end(), same)) bearing_.push_back(point);
+            if (std::any_of(points_.begin(), points_.end(), same)) continue;
+            points_.push_back(point), gaps_.push_back(above - sink);
         }
-        if (bearing_.empty()) return;
-        const int count = static_cast<int>(bearing_.size());
-        Patch patch = open_patch(count);
+        if (!points_.empty())
+            add_patch(-1, up, -1, {object_.mass * length(object_.gravity) / sink, table_shear, 0.0},
+                      {world_.turn_back(table_shear_), table_spin_});
+    }
+
+    // Stiffness of a patch along its normal and across it [N/m], and its torsion, that of its area apart [m].
+    struct Springs {
+        double normal, shear, torsion;
+    };
+    // Forces that friction kept: across, and about the normal.
+    struct Kept {
+        Triple shear;
+        double spin;
+    };
+
+    // Rows of the points that touch, whose gaps are there already.
+    void add_patch(std::int64_t touch, const Triple& normal, int part, const Springs& springs, const Kept& kept) {
+        const int count = static_cast<int>(points_.size());
+        Patch patch;
+        patch.first = static_cast<int>(gaps_.size()) - count, patch.normals = count, patch.part = part;
         Triple middle{};
-        for (const Triple& point : bearing_) {
+        for (const Triple& point : points_) {
             middle = middle + (1.0 / count) * point;
-            add_row(-1, up, point);
-            gaps_.push_back(dot(up_, world_.act(point)) - height_ - sink);
+            add_row(touch, normal, point);
         }
         double wide = 0.0;
-        for (const Triple& point : bearing_) wide += dot(point - middle, point - middle) / count;
-        patch.stiffness = object_.mass * length(object_.gravity) / (sink * count);
-        patch.turning = object_.mu * std::sqrt(wide);
-        patch.shear = table_shear;
-        close_patch(patch, -1, up, middle, world_.turn_back(table_shear_), table_spin_);
+        for (const Triple& point : points_) wide += dot(point - middle, point - middle) / count;
+        patch.turning = springs.torsion + object_.mu * std::sqrt(wide);
+        const double arm = std::max(patch.turning / std::max(object_.mu, 1e-6), least_arm);
+        patch.stiffness = springs.normal / count, patch.shear = springs.shear, patch.spin = springs.shear * arm * arm;
+        patch.x = across(normal), patch.y = cross(normal, patch.x);
+        add_row(touch, patch.x, middle), add_row(touch, patch.y, middle), add_row(touch, {}, normal, normal);
+        patch.force[0] = dot(patch.x, kept.shear), patch.force[1] = dot(patch.y, kept.shear),
+        patch.force[2] = kept.spin;
+        gaps_.insert(gaps_.end(), 3, 0.0);
+        patches_.push_back(patch);
     }
 
     double along(int which) const {
@@ -331,7 +317,7 @@ private:
             for (int i = 0; i < 3; ++i)
                 patch.trial[i] = patch.force[i] + (i < 2 ? patch.shear : patch.spin) * along(next + i);
             const double size = std::hypot(patch.trial[0], patch.trial[1]);
-            patch.share[0] = patch.share[1] = size > patch.mu * normal ? patch.mu * normal / size : 1.0;
+            patch.share[0] = patch.share[1] = size > object_.mu * normal ? object_.mu * normal / size : 1.0;
             const double turning = std::fabs(patch.trial[2]);
             patch.share[2] = turning > patch.turning * normal ? patch.turning * normal / turning : 1.0;
         }
@@ -380,7 +366,7 @@ private:
         }
     }
 
-    // Takes the step y, and keeps what friction bears.
+    // Takes the step y, and keeps the forces of friction.
     void move(bool fixed) {
         const double h = course_.step;
         std::fill(shear_.begin(), shear_.end(), Triple{});
@@ -414,7 +400,7 @@ private:
     double table_spin_ = 0.0, height_ = 0.0;
     bool touched_ = false, soft_ = true;
     Touches touches_;
-    std::vector<Triple> shear_, bearing_;  // of the parts; on the table
+    std::vector<Triple> shear_, points_;  // of the parts; of a patch
     std::vector<double> spin_, q_, rates_, ahead_, drive_, y_, right_, base_, rhs_, matrix_, rows_, gaps_;
     std::vector<Patch> patches_;
 };

@@ -41,7 +41,7 @@ struct TouchScene {
     std::vector<std::array<int, 2>> pairs;  // of parts that may hit each other
     std::vector<Body> solids;               // convex each, together about the object; or its surface alone
     Body surface;                           // the object's own, where that is not the one solid
-    Solid hull;                             // the object's convex hull, of which a table bears the lowest points
+    Solid hull;                             // the object's convex hull, whose lowest points are on a table
     Frame root, object;                     // the hand as the first joints' frames have it; the object's shape
 };
 
