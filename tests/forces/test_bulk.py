@@ -170,9 +170,7 @@ def test_the_least_friction_of_pyramids_is_that_of_linear_programs(torsion):
             block = np.hstack([friction.facets / limits, -np.ones((len(friction.facets), 1))])
             rows.append(np.hstack([np.zeros((len(block), friction.d * c)), block]))
             rows[-1] = np.pad(rows[-1], ((0, 0), (0, friction.d * (own - c - 1))))
-        bounds = [
-            (0 if j == friction.d - 1 else None, 100 * 9.81 * 0.15) for _ in range(own) for j in range(friction.d)
-        ]
+        bounds = ([(None, None)] * (friction.d - 1) + [(0, 100 * 9.81 * 0.15)]) * own  # F_n comes last
         A, scale = np.array(G).T, np.repeat([1.0, 1.0 / RADIUS], 3)[:, None]
         rows = np.vstack(rows)
         found = linprog(np.zeros(A.shape[1]), rows, np.zeros(len(rows)), A * scale, -WEIGHT * scale[:, 0], bounds)
