@@ -24,6 +24,7 @@ from pinograsp.checks import array_of, flag, frozen, instance_of, items_of, mapp
 from pinograsp.contacts.advance import Approach
 from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
+from pinograsp.contacts.penetration import find_normal
 from pinograsp.contacts.pushing import is_jammed, make_way
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.synergy import open_and_closed
@@ -249,7 +250,8 @@ class _Closing:
 
     def touch(self, part: HandPart, gap: float, point: Array) -> None:
         """Note a touch and stop the joints that carry the part."""
-        surface, normal = self.distances.surface(point)
+        surface, own = self.distances.surface(point)
+        normal, sharp = find_normal(self.distances, part, point, own)
         patch = self.distances.patch(part, point, normal)
         if len(patch) > 1:
             point = patch.mean(axis=0)
@@ -267,6 +269,7 @@ class _Closing:
                 point_l=read_only(local),
                 length=float(np.linalg.norm(local)),
                 patch_o=read_only(patch),
+                sharp=sharp,
             )
         )
         self.at_touch[part.finger] = self.q.copy()

@@ -29,12 +29,13 @@ class Touch:
         joint_id: Pinocchio's index of the joint that carries it (0: the palm).
         at: share of the path at which it happened (0 open, 1 closed).
         point_o: on the object's surface, world (3,) [m].
-        normal_o: inward unit normal (3,).
+        normal_o: inward unit normal (3,), common to both surfaces: on an edge of the object, the link's.
         gap: distance left [m].
         point_l: the link's own point in its joint's frame (3,) [m].
         length: l_c, distance of that point from the link's joint [m].
         patch_o: corners (p, 3) of the area that touches, where both are flat [m]; else the point alone. ``point_o`` and
             ``point_l`` are then their mean.
+        sharp: whether a millimetre along the surface turns the normal by more than 25 deg.
     """
 
     finger: str
@@ -47,6 +48,7 @@ class Touch:
     point_l: Array
     length: float
     patch_o: Array
+    sharp: bool
 
     __repr__ = brief()
 
@@ -96,6 +98,7 @@ class TouchingHand:
                         length=float(np.linalg.norm(local)),
                         distance=0.0,
                         point_l=read_only(local),
+                        sharp=touch.sharp,
                     )
                 )
         return ContactSet(contacts=tuple(contacts), com_o=read_only(self.object.com_o), posture=self.q)

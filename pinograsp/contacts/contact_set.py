@@ -15,6 +15,7 @@ from pinograsp.checks import (
     are_rotations,
     array_of,
     brief,
+    flag,
     floats_of,
     frozen,
     instance_of,
@@ -48,6 +49,8 @@ class Contact:
         distance: signed distance of the point from the object's surface [m], negative inside.
         point_l: the link's point that touches, in its joint's frame (3,) [m]; None: on the line along the link, at
             ``length``.
+        sharp: whether a millimetre along the surface turns the normal by more than 25 deg: of an edge of the object
+            that a corner, an edge or a narrow tip of the link meets, not its face. None: not known, the object decides.
     """
 
     finger: str
@@ -57,6 +60,7 @@ class Contact:
     length: float | None
     distance: float
     point_l: Array | None = None
+    sharp: bool | None = None
 
     __repr__ = brief()
 
@@ -75,6 +79,8 @@ class Contact:
         put("distance", number("distance of the contact", self.distance, unit="m"))
         if self.point_l is not None:
             put("point_l", array_of("point of the link", self.point_l, (3,)))
+        if self.sharp is not None:
+            flag("sharp", self.sharp)
 
     @property
     def normal_o(self) -> Array:

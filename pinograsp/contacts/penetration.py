@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, instance_of, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart
 from pinograsp.contacts.contact_set import Contact, ContactSet
+from pinograsp.contacts.quality import ASIDE, TURNED, turns_nearby
 from pinograsp.errors import ContactNotReached, GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
-from pinograsp.objects.body import Body
+from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import Array, IntArray
 
 _CLEAR = 1e-3  # [m] how far the object is moved off: the direction between nearest points keeps its digits
@@ -141,6 +142,36 @@ def deepest_of(
     if last is None:
         raise GeometryFailed(part.link, type(part.geometry).__name__)
     return last[0], np.array((x, y, z)), np.array(last[1:])
+
+
+def find_normal(distances: Distances, part: HandPart, point: Array, normal: Array) -> tuple[Array, bool]:
+    """Inward normal (3,) of a part that touches the object, common to both, and whether it is sharp there.
+
+    Where the object's surface is smooth, ``normal`` is its own. On an edge it is that of the part's surface, which is
+    sharp where the object's moving a millimetre aside turns it by more than an edge does.
+
+    Args:
+        distances: at the posture, with the object where it just touches.
+        part: of the hand.
+        point: of the part that touches (3,) [m].
+        normal: the object's own inward normal there (3,).
+    """
+    body = distances.body
+    if not turns_nearby(body, point[None], normal[None])[0]:
+        return normal, False
+    try:
+        _, common, _ = deepest_of(distances, part, normal)
+        across = tangents(common[None])[0].T
+        for step in ASIDE * np.concatenate([across, -across]):
+            distances.put_object(body.moved(step, np.eye(3)))
+            _, turned, _ = deepest_of(distances, part, common)
+            if turned @ common < np.cos(TURNED):
+                return common, True
+        return common, False
+    except GeometryFailed:
+        return normal, True
+    finally:
+        distances.put_object(body)
 
 
 def touching(hand: HandModel, body: Body, contacts: ContactSet, posture: ArrayLike) -> ContactSet:

@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from pinograsp.checks import array_of, brief, flag, instance_of, number, read_only
 from pinograsp.contacts.clearance import Distances, HandPart, check_geometry, parts_of
 from pinograsp.contacts.closure import Touch, TouchingHand
-from pinograsp.contacts.penetration import ICOSAHEDRON, deepest_of
+from pinograsp.contacts.penetration import ICOSAHEDRON, deepest_of, find_normal
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
@@ -195,6 +195,7 @@ class _Posture:
         pose[:3, 3] -= one.gap * one.normal
         self.distances.put_object(self.body.placed(pose))
         patch = self.distances.patch(one.part, one.point, one.normal)
+        _, sharp = find_normal(self.distances, one.part, one.point, one.normal)
         point = patch.mean(axis=0) if len(patch) > 1 else one.point
         local = self.distances.data.oMi[one.part.joint].actInv(point)
         return Touch(
@@ -208,4 +209,5 @@ class _Posture:
             point_l=read_only(local),
             length=float(np.linalg.norm(local)),
             patch_o=read_only(patch + one.gap * one.normal),
+            sharp=sharp,
         )

@@ -15,7 +15,7 @@ from pinograsp.contacts import PALM, Closure
 from pinograsp.contacts.clearance import HOLLOW, behind_hulls
 from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
 from pinograsp.contacts.hits import find_overlaps
-from pinograsp.contacts.quality import on_edges
+from pinograsp.contacts.quality import sharp_contacts
 from pinograsp.errors import SearchFailed, Status
 from pinograsp.forces import (
     ConvexSolution,
@@ -238,8 +238,8 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, push: fl
     if problem.object is not None:
         cautions += [
             f"{name} touches an edge of the object, where the normal is not defined: a small error turns it"
-            for name, on_edge in zip(contacts.names, on_edges(problem.object, contacts))
-            if on_edge
+            for name, sharp in zip(contacts.names, sharp_contacts(problem.object, contacts))
+            if sharp
         ]
     cautions += [
         f"{name} touches where its link is hollow: the link itself is {1e3 * gap:.2g} mm behind its convex hull"
