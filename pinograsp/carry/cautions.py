@@ -14,7 +14,7 @@ from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.best import FAR
-from pinograsp.planner.compliance import gives_way, stiffness_of
+from pinograsp.planner.compliance import stiffness_of, tell_leaving
 from pinograsp.spatial import Array
 
 # [m, rad] under loads that come slowly, half of what counts as lost: those that come at once give twice as much.
@@ -91,7 +91,7 @@ def doubt_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, most
     ]
     gains = servo_gains(grasp.hand)
     held = stiffness_of(grasp.hand, first, closing.q[-1], gains)
-    if leaves := gives_way(grasp.hand, held, gains):
+    if leaves := tell_leaving(grasp.hand, held, gains):
         doubts.append(f"squeezed as at the beginning of the way, {leaves}")
         return doubts
     swayed = np.linalg.solve(np.array(held.matrix), (loads - loads[0]).T).T

@@ -14,7 +14,7 @@ from pinograsp.hands.mesh_file import collision_model, triangles_of
 from pinograsp.spatial import Array
 from pinograsp.words import few
 
-_DEEP, _MUCH = 3e-3, 0.25  # [m] behind its hull, over so much of the hull's surface: a link worth cutting
+_DEEP, _MUCH = 2e-3, 0.25  # [m] behind its hull, over so much of the hull's surface: a link worth cutting
 _POINTS, _NAMED = 200, 4
 
 _PLACES = np.linspace(0.0, 1.0, 9)[1:-1]  # of planes, along each axis of a part

@@ -29,8 +29,9 @@ from pinograsp.forces import (
 from pinograsp.forces.bulk.elastic import Grips, find_efforts
 from pinograsp.forces.bulk.squeeze import Holding, find_hopeless, squeeze as squeeze_all
 from pinograsp.forces.robust.reserve import held_body
-from pinograsp.hands import HandModel
+from pinograsp.hands import HandModel, servo_gains
 from pinograsp.motion import effort_of, pressing_together, torque_limits, torques_matter
+from pinograsp.motion.holding import AWAY, held_stiffness, push_away
 from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
@@ -61,6 +62,8 @@ class FoundGrasp:
         squeeze: sum of the normal forces [N] of a squeeze that the hand can make, and that withstands the reserve
             within the torque limits; infinity: there is none. Without a reserve that of ``forces``.
         reserved: whether there is a reserve to withstand.
+        displacement: of the object under the push of the reserve, so squeezed by the hand's own servos [m]; infinity:
+            it leaves by itself. 0 without a reserve.
         doubtful: share of that squeeze [-] that acts on edges of the object, where a small error turns it, or where a
             link is hollow behind its convex hull.
         energy: objective of the forces.
@@ -77,6 +80,7 @@ class FoundGrasp:
     quality: float
     squeeze: float
     reserved: bool
+    displacement: float
     doubtful: float
     energy: float
     load_factor: float
@@ -104,8 +108,11 @@ class FoundGrasp:
 
     @property
     def sound(self) -> int:
-        """2: withstands the reserve; 1: with doubtful contacts or a squeeze that crushes; 0: does not withstand it."""
-        return int(self.withstands) * (SOUND if self._within(_CRUSHING) and self.doubtful <= DOUBTFUL else 1)
+        """2: withstands the reserve; 1: with doubtful contacts, a squeeze that crushes, or an object that gives way;
+        0: does not withstand it.
+        """
+        firm = self.doubtful <= DOUBTFUL and self.displacement <= AWAY
+        return int(self.withstands) * (SOUND if self._within(_CRUSHING) and firm else 1)
 
     @property
     def gentle(self) -> bool:
@@ -119,14 +126,15 @@ class FoundGrasp:
 
     @property
     def worth(self) -> tuple[float, ...]:
-        """Of two grasps the one of which this is larger ranks first: by the fingers that take part, up to those wanted,
+        """Of two grasps the one of which this is larger ranks first: sound ones; of others that in which the object
+        gives way less; by the fingers that take part, up to those wanted,
         since two soft fingertips need the least squeeze and nobody holds things so; then those that press gently; then
         by the room for an object that is not quite where it is said to be; then by the least squeeze that withstands
         the reserve; without one, since the cheapest balance is a cradle, by what they withstand in the weakest
         direction per newton.
         """
-        fingers = min(self.fingers, self.wanted_fingers)
-        order = (self.sound, fingers, self._within(_GENTLE), self.room if self.withstands else 0.0)
+        fingers, away = min(self.fingers, self.wanted_fingers), max(self.displacement, AWAY)
+        order = (self.sound, -away, fingers, self._within(_GENTLE), self.room if self.withstands else 0.0)
         return *order, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
 
 
@@ -170,12 +178,23 @@ def hold(
         quality=0.0 if bare else _quality(problem, conditions.reserve),
         squeeze=np.inf if squeeze is None else float(squeeze.sum()),
         reserved=conditions.reserve is not None,
+        displacement=_displacement(closure, problem, conditions.reserve, squeeze),
         doubtful=doubtful_share(closure.hand, closure.object, contacts, borne),
         energy=forces.certificate.objective,
         load_factor=0.0 if bare else load_factor(problem, impact_time=impact_time),
         fingers=len({touch.finger for touch in touching} - {PALM}),
         wanted_fingers=least_fingers or min(FINGERS, len(closure.hand.fingers)),
     )
+
+
+def _displacement(closure: Closure, problem: ForceProblem, reserve: Reserve | None, squeeze: Array | None) -> float:
+    """Of the object under the push of the reserve, squeezed by normal forces (k,) [m]."""
+    if reserve is None or squeeze is None:
+        return 0.0
+    hand, forces_c = closure.hand, np.column_stack([np.zeros((problem.k, 2)), squeeze])
+    held = held_stiffness(hand, problem, forces_c, np.array(closure.q), servo_gains(hand))
+    weight = held_body(problem).mass * float(np.linalg.norm(problem.gravity_o))
+    return push_away(held, reserve.disturbance * weight)
 
 
 def _quality(problem: ForceProblem, reserve: Reserve | None) -> float:
