@@ -297,7 +297,7 @@ def on_edges(body: Body, contacts: ContactSet) -> BoolArray:
     """
     instance_of("body", body, Body)
     instance_of("contacts", contacts, ContactSet)
-    return turns_nearby(body, contacts.points_o, contacts.rotations_oc[:, :, 2]) & ~_flat(contacts)
+    return np.asarray(turns_nearby(body, contacts.points_o, contacts.rotations_oc[:, :, 2]) & ~_flat(contacts))
 
 
 def turns_nearby(body: Body, points: Array, normals: Array) -> BoolArray:
@@ -317,7 +317,7 @@ def _look_around(body: Body, points: Array, normals: Array) -> Array:
 def sharp_contacts(body: Body, contacts: ContactSet) -> BoolArray:
     """Which contacts (k,) a small error turns: on edges of the object, unless a face of the link steadies them."""
     steadied = np.array([contact.sharp is False for contact in contacts])
-    return on_edges(body, contacts) & ~steadied
+    return np.asarray(on_edges(body, contacts) & ~steadied)
 
 
 def past_edges(body: Body, contacts: ContactSet, depths: Array) -> BoolArray:

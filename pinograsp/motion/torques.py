@@ -129,8 +129,9 @@ def soften_servos(hand: HandModel, torques: Array) -> Array | None:
     contacts ask of it, ``torques`` (n,) [N m or N], over the motion that it is to forgive.
     """
     fingers = np.concatenate([finger.dofs for finger in hand.fingers])
-    fixed = {joint for drive in hand.drives if drive.control == "position" for joint in drive.joints}
-    # Jaws keep an object between them by being stiff; motors that take positions have gains of their own.
+    of_positions = [drive for drive in hand.drives if drive.control == "position" and drive.stiffness is not None]
+    fixed = {joint for drive in of_positions for joint in drive.joints}
+    # Jaws keep an object between them by being stiff; of motors that take positions known gains are what they are.
     ours = ~hand.slides & np.isin(np.arange(hand.n), fingers) & ~np.isin(hand.joint_names, sorted(fixed))
     if not ours.any():
         return None

@@ -52,10 +52,18 @@ def test_gains_are_the_torques_over_what_is_forgiven(standing):
     assert gains[bearing] * 0.15 == pytest.approx(np.abs(motion.holding_torques[bearing]), rel=0.7)  # gravity besides
 
 
-def test_motors_that_take_positions_and_jaws_stay_as_they_are(standing):
-    hand = standing.hand.with_drives([replace(drive, control="position") for drive in standing.hand.drives])
+@pytest.mark.parametrize("stiffness", [10.0, None])
+def test_motors_that_take_positions_keep_the_gains_that_are_told(standing, stiffness):
+    drives = [replace(drive, control="position", stiffness=stiffness) for drive in standing.hand.drives]
+    hand = standing.hand.with_drives(drives)
     plan = pg.plan_grasp_on(hand, replace(standing.closure, hand=hand), standing.conditions)
-    assert plan.motion.closing_stiffness is None
+    if stiffness is None:
+        assert plan.motion.closing_stiffness == pytest.approx(standing.motion.closing_stiffness, rel=0.2)
+    else:
+        assert plan.motion.closing_stiffness is None
+
+
+def test_jaws_that_slide_stay_as_they_are():
     jaws, conditions = pg.load_hand("panda"), pg.GraspConditions(mu=0.6)
     box = pg.Box(size=(0.03, 0.03, 0.05), mass=0.05)
     plan = pg.plan_best(pg.find_grasps(jaws, box, conditions, count=16, seed=0, jobs=1, progress=False), conditions)
