@@ -62,7 +62,7 @@ def rows(name: str, hold: float) -> Iterator[dict]:
                 joint_preload=preload_slope(hand, contacts, q, forces_o, depth=depth),
             )
             real = replace(plan, law=replace(plan.law, stiffness=law.stiffness))
-            simulation = pg.simulate(real, servo=Servo.of(hand, stiffness=gain), hold=hold)
+            simulation = pg.simulate(real, support="fixed", servo=Servo.of(hand, stiffness=gain), hold=hold)
             last = simulation.times > simulation.times[-1] - 0.1
             names = list(simulation.parts)
             found = simulation.normal_forces[last].mean(axis=0)[[names.index(one) for one in contacts.names]]

@@ -124,7 +124,9 @@ def rows(hand_name: str, shape: str, seed: int) -> list[dict]:
             band, stable = plan.force_band(gains, FACTORS), plan.object_stiffness(gains).is_stable()
             moved, servo = sent(plan, rule, gains)
             for i, factor in enumerate(FACTORS):
-                seen = pg.simulate(moved, servo=servo, hold=HOLD, disturbance=Disturbance(stiffness=factor))
+                seen = pg.simulate(
+                    moved, servo=servo, hold=HOLD, support="fixed", disturbance=Disturbance(stiffness=factor)
+                )
                 links, last = list(dict.fromkeys(plan.contacts.links)), seen.times > seen.times[-1] - 0.1
                 # A link's contacts press as one in the simulation; parts are named by finger or by link.
                 of = np.array([[own == link for own in plan.contacts.links] for link in links], dtype=float)

@@ -55,7 +55,8 @@ class TrialOptions:
     )
     support: str | None = _simulation(
         "Of the object until the hand carries it: fixed (until the grasp is complete), table (it stands there freely: "
-        "a hit on the way moves it), none (from the impact time on). Default: table, if the plan has one, or fixed.",
+        "a hit on the way moves it), none (from the impact time on). Default: table, if the plan has one, none, if it "
+        "has a reserve, or fixed.",
         choices=completion.SUPPORTS,
     )
     time_step: float = _simulation("Of the simulation \\[s].", default=defaults.TIME_STEP)

@@ -53,7 +53,8 @@ class SimulationOptions:
         support: what bears the object until then: ``"fixed"``: it cannot move until t_F (as in the paper);
             ``"table"``: it stands freely on a table under it, so that whatever hits it on the way moves it (the hand
             itself passes through the table); ``"none"``: from t_I on nothing but the hand holds it. None: a table where
-            the plan has one and the object is let go, else fixed.
+            the plan has one; none of plans that have a reserve; fixed of others, and of objects that are not let
+            go.
         letting_go: time that the support takes to fade after t_F [s]; 0: the support vanishes at once, which
             doubles the load for a moment.
     """

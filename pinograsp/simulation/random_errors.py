@@ -177,7 +177,7 @@ def _draw(kind: str, size: Any, rng: np.random.Generator, task: Task) -> Any:
 def _draw_pose(size: PoseError, rng: np.random.Generator, task: Task) -> Array:
     """Displacement and rotation vector (6,) [m, rad] of an object that is displaced and turned."""
     way, axis = (one / np.linalg.norm(one) for one in rng.normal(size=(2, 3)))
-    if task.on_table:
+    if task.support == "table":
         up = -task.gravity_o / np.linalg.norm(task.gravity_o)
         way, axis = way - (way @ up) * up, np.copysign(1.0, axis @ up) * up
         way /= np.linalg.norm(way)

@@ -60,7 +60,7 @@ def choose_support(task: Task, options: SimulationOptions) -> SimulationOptions:
     """The options with what supports the object until it is let go."""
     if options.support is not None:
         return options
-    return replace(options, support="table" if task.on_table and options.release else "fixed")
+    return replace(options, support=task.support if options.release else "fixed")
 
 
 def plan_schedule(task: Task, options: SimulationOptions) -> Schedule:

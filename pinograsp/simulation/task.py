@@ -13,6 +13,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.plan import ContactLaw, PlanFailure, PlanRecord
+from pinograsp.simulation.settings import Support
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run
 
@@ -45,7 +46,8 @@ class Task:
         load: on the object about its centre of mass, without the weight (6,) [N, N m].
         gravity_o: (3,) [m/s^2].
         closing_stiffness: gains of the servos while the hand closes (n,) [N m/rad or N/m]; None: as afterwards.
-        on_table: whether the plan has the object stand on a table.
+        support: what bears the object until it is let go, as the plan has it: a table where it stands on one; nothing
+            from t_I on where its squeeze has a reserve; else it is fixed.
         carrier: link that the object is to stay with; "": it is to stay where it is.
     """
 
@@ -72,7 +74,7 @@ class Task:
     load: Array
     gravity_o: Array
     closing_stiffness: Array | None = None
-    on_table: bool = False
+    support: Support = "fixed"
     carrier: str = ""
 
     __repr__ = brief("hand", "body", "names", "normal_forces", "mu", "impact_time", "final_time")
@@ -130,7 +132,7 @@ class Task:
             load=load,
             gravity_o=record.gravity_o,
             closing_stiffness=motion.closing_stiffness,
-            on_table=record.on_table,
+            support="table" if record.on_table else "fixed" if record.reserve is None else "none",
         )
 
     def as_carried(self, q: Array, poses: Array) -> Array:
