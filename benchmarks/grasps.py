@@ -8,8 +8,8 @@ fingertips; of one finger: to the palm) is scaled to that, at 800 kg/m^3. Fricti
 chooses it. Hands are names of the catalogue or files (with ``--root`` for one of these).
 
 A pair counts where the plan is ok, its contacts have force closure, and a simulation holds the object as planned, fixed
-until t_F and free from then on, shaken with 3 m/s^2 at 2 Hz along x, y and z, with 1.2 times the mass, and with 0.8 times
-the friction. Writes grasps.csv beside this file, and prints a table by hand and the reasons of what failed.
+until t_F and then free, shaken with 3 m/s^2 at 2 Hz along x, y and z, with 1.2 times the mass, and with 0.8 times the
+friction. Writes grasps.csv beside this file, and prints a table by hand and the reasons of what failed.
 """
 
 from __future__ import annotations
