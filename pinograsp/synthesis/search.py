@@ -47,8 +47,8 @@ from pinograsp.synthesis.seeds import Region
 from pinograsp.writing import write_errors
 
 _MOST = 100_000  # samples
-_ROUNDS = 4  # times ``count`` samples are tried, as long as no grasp is sound
-_PINCHING = 2  # of these rounds: where nothing is sound, the others look for power grasps
+_ROUNDS, _MOST_ROUNDS = 4, 8  # times ``count`` samples are tried, as long as no grasp is sound; where some withstand
+_PINCHING = 2  # of four rounds: where nothing is sound, the others look for power grasps
 _NEAR = 2  # grasps of wider conditions that are kept
 _BATCH = 4  # samples, of which the best is refined
 _POOL, _PROCESS = 4.0, 0.5  # [s] that it takes other processes to start, and to take up a case
@@ -147,7 +147,7 @@ def find_grasps(
         body: what is to be held, where it is.
         conditions: friction, limits and what is to be balanced.
         count: samples; up to four times as many, as long as no grasp withstands the reserve on contacts that are sure,
-            and the object is not too large.
+            and firmly, and the object is not too large; up to eight times where some withstand it, but not so.
         seed: of the random numbers; the result does not depend on ``jobs``.
         impact_time: t_I of the forces that grasps are tried with [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it;
@@ -181,7 +181,7 @@ def find_grasps(
         least_fingers = integer("least_fingers", least_fingers, at_least=1, at_most=len(hand.fingers))
     jobs = processes(jobs)
     instance_of("progress", progress, bool, type(None))
-    first, *rounds = np.random.SeedSequence(seed).spawn(1 + _ROUNDS)
+    first, *rounds = np.random.SeedSequence(seed).spawn(1 + _MOST_ROUNDS)
     try:
         rng = np.random.default_rng(first)
         case = make_search_case(hand, body, conditions, impact_time, wrap, rng, region, least_fingers)
@@ -196,7 +196,9 @@ def find_grasps(
     with run.on_disk(), interrupts_kept() as interrupt:
         try:
             for i, one in enumerate(rounds):
-                run.batches(one, interrupt, wrap=wrap or i >= _PINCHING)
+                if i == _ROUNDS and not any(grasp.withstands for grasp in run.found):
+                    break
+                run.batches(one, interrupt, wrap=wrap or i % _ROUNDS >= _PINCHING)
                 if any(grasp.sound == SOUND for grasp in run.found) or (not run.found and too_large):
                     break
             near = () if any(grasp.withstands for grasp in run.found) else run.near(rounds[0], interrupt)
