@@ -15,6 +15,7 @@ from pinograsp.contacts import (
     close_hand,
 )
 from pinograsp.contacts.bulk import BulkScene
+from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.errors import InvalidInput, PinograspError
 from pinograsp.forces import GraspConditions
@@ -42,6 +43,9 @@ _EXACT = 3  # samples of a batch, at most, that the full program is asked about
 _DEEP = 0.6  # of the samples lie deeper than between the fingertips
 _AROUND = 8  # directions along a table in which an object may be displaced; twice as many without one
 _ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
+_WIDER = (
+    0.3  # of the way of the fingers: open so much wider than their preshape (more than the joints' limits let most)
+)
 _TRIES, _MOST_TRIES = 5, 20  # motions that are tried of the best of a batch, and as long as it is not gentle
 _MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of the object's radius, of ranges; angle
 
@@ -169,7 +173,9 @@ def _best_of(case: SearchCase, ranked: list[tuple[Posed, Tried]]) -> FoundGrasp 
         if tried.grasp is None or (best is not None and best.sound >= tried.grasp.sound):
             break
         placed = Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed)
-        exact = _try_closing(case, placed, quick=False).grasp
+        exact = _try_closing(case, _open_wider(placed), quick=False).grasp
+        if exact is None or exact.room < tried.grasp.room:
+            exact = _try_closing(case, placed, quick=False).grasp
         if exact is not None and (best is None or exact.worth > best.worth):
             best = exact
     if best is None:
@@ -178,6 +184,15 @@ def _best_of(case: SearchCase, ranked: list[tuple[Posed, Tried]]) -> FoundGrasp 
     # Whoever asked for the samples has both, and puts them back.
     closure = replace(best.closure, hand=None, object=None)  # type: ignore[arg-type]  # meshes are heavy
     return replace(best, closure=closure, forces=forces)
+
+
+def _open_wider(posed: Posed) -> Posed:
+    """The same with a start from farther back on the way of its fingers, for an object that is not where it should be;
+    as far as the joints' limits and the other links let it.
+    """
+    hand, opened, closed = posed
+    wider = np.clip(opened - _WIDER * (closed - opened), hand.lower, hand.upper)
+    return posed if SelfCollisions(hand).between(opened, wider) else Posed(hand, wider, closed)
 
 
 class Tried(NamedTuple):
