@@ -16,7 +16,7 @@ from pinograsp.spatial import Array, BoolArray
 STEP = 0.01  # [s] of the commands
 CLOSED, HOLD = 0.1, 0.4  # [s] after t_F until joints are held where they are; of the hold
 _STIFFNESS = 500.0, 5e4  # [N/m] of a link's contacts, at least and at most
-_SIZES = (SMALLEST, 1.0, 1.5, 2.0, 3.0, 4.0)  # of the error that is asked about
+_LARGER = (1.5, 2.0, 3.0, 4.0)  # times the error that is asked about
 
 
 def sample_commands(
@@ -53,8 +53,13 @@ def measure_tolerance(
     pressing: Pressing,
     error: PoseError,
     threads: int | None = 1,
+    *,
+    quick: bool = False,
 ) -> PoseTolerance:
-    """Errors of all directions in rising sizes, until one loses the object."""
+    """Errors of all directions: of the size that is asked about, and larger ones until one is lost, or smaller ones.
+
+    ``quick``: of that size alone.
+    """
     gravity = pressing.gravity_o
     up = -gravity / np.linalg.norm(gravity) if pressing.on_table else None
     displaced, turned = error.spread(up)
@@ -63,19 +68,19 @@ def measure_tolerance(
         places = _places(scene.body.com_o, size * displaced, size * turned)
         return close_misplaced(scene, commands, pressing, places, threads).kept
 
-    reached, asked, worst = 0.0, None, np.zeros(3)
-    if keep(0.0)[:1].all():
-        for size in _SIZES:
-            kept = keep(size)
-            asked = float(kept.mean()) if size == 1.0 else asked
-            if not kept.all():
-                worst = displaced[int(kept.argmin())] / error.distance
-                break
-            reached = size
+    asked = kept = keep(1.0)
+    reached = float(asked.all())
+    for size in () if quick else _LARGER if reached else (SMALLEST,):
+        now = keep(size)
+        if not now.all():
+            kept = now
+            break
+        reached = size
+    worst = np.zeros(3) if kept.all() else displaced[int(kept.argmin())] / error.distance
     return PoseTolerance(
         distance=reached * error.distance,
         angle=reached * error.angle,
-        kept=float(keep(1.0).mean()) if asked is None else asked,
+        kept=float(asked.mean()),
         asked_distance=error.distance,
         asked_angle=error.angle,
         count=error.count,

@@ -6,11 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from pinograsp import core
 from pinograsp.checks import flag, instance_of
 from pinograsp.contacts import Closure
 from pinograsp.contacts.doubt import doubtful_share
 from pinograsp.contacts.quality import past_edges
-from pinograsp.errors import GraspInfeasible, GraspUndecided, NoGrasp, SearchFailed, SimulationDiverged, Status
+from pinograsp.errors import (
+    GraspInfeasible,
+    GraspUndecided,
+    InvalidInput,
+    NoGrasp,
+    SearchFailed,
+    SimulationDiverged,
+    Status,
+)
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import servo_gains
 from pinograsp.plan.answer import SIMULATED
@@ -19,6 +28,7 @@ from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.options import AS_USUAL, PlanOptions
 from pinograsp.planner.planning import GraspTask
+from pinograsp.planner.tolerance import find_tolerance
 from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 
@@ -76,13 +86,12 @@ def plan_best(
             refused.append((error, task))
             continue
         faults = _count_faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
-        plan = plan.with_tolerance()
-        lost = 0.0 if plan.tolerance is None else 1.0 - plan.tolerance.kept
+        lost = _share_lost(plan)
         if check and plan.status is Status.OK:
             plan, held = _check(plan)
             faults += 0 if held else _MOST_FAULTS
         if plan.status is Status.INTERRUPTED or not faults + lost:
-            return plan
+            return plan.with_tolerance()
         if best is None or faults + lost < fewest:
             best, fewest = plan, faults + lost
         tried += plan.status is Status.OK
@@ -92,9 +101,19 @@ def plan_best(
         if best.status is not Status.OK:
             best = replace(best, notes=(*best.notes, "no plan is ok: another seed, or more samples, may find one"))
             best = _check(best)[0] if check else best
-        return best
+        return best.with_tolerance()
     near = [GraspTask.of_closure(one.closure, conditions, options) for one in found.near]
     raise _refusal(refused, near)
+
+
+def _share_lost(plan: GraspPlan) -> float:
+    """Of objects that are 5 mm and 5 deg off their place; 0 where it cannot be told."""
+    if plan.status is not Status.OK or not core.is_installed():
+        return 0.0
+    try:
+        return 1.0 - find_tolerance(plan, quick=True).kept
+    except InvalidInput:  # geometry that the core does not know
+        return 0.0
 
 
 def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) -> NoGrasp:

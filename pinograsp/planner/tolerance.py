@@ -14,7 +14,9 @@ from pinograsp.plan import PlanRecord
 from pinograsp.plan.tolerance import PoseError, PoseTolerance
 
 
-def find_tolerance(plan: PlanRecord, error: PoseError | None = None, *, threads: int | None = None) -> PoseTolerance:
+def find_tolerance(
+    plan: PlanRecord, error: PoseError | None = None, *, threads: int | None = None, quick: bool = False
+) -> PoseTolerance:
     """Close the hand of a plan on its object in other places: how far off that may be.
 
     The joints follow their commands as servos, as the plan has them while the hand closes; what touches pushes the
@@ -27,6 +29,7 @@ def find_tolerance(plan: PlanRecord, error: PoseError | None = None, *, threads:
         plan: with its hand and its object.
         error: sizes and directions; default: 5 mm and 5 deg, in 12 directions.
         threads: of the compiled core; None: one for each core.
+        quick: errors of that size alone: ``distance`` is that or 0.
 
     Raises:
         InvalidInput: a plan without hand or object, or whose contacts have no link.
@@ -56,4 +59,4 @@ def find_tolerance(plan: PlanRecord, error: PoseError | None = None, *, threads:
         gravity_o=plan.gravity_o,
         on_table=plan.on_table,
     )
-    return measure_tolerance(scene, commands, pressing, error or PoseError(), threads)
+    return measure_tolerance(scene, commands, pressing, error or PoseError(), threads, quick=quick)

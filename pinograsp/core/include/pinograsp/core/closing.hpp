@@ -64,7 +64,8 @@ public:
         ClosingOutcome found;
         Frame let_go = world_, half = world_;
         const int middle = (course_.settled + course_.steps) / 2;
-        for (int s = 0; s < course_.steps; ++s) {
+        int still = 0;
+        for (int s = 0; s < course_.steps && still < at_rest; ++s) {
             if (s == course_.settled) {
                 let_go = world_;
                 found.pushed = length(at(world_) - at(away));
@@ -80,6 +81,8 @@ public:
                 found.moved = found.crept = gone;
                 return found;
             }
+            still = s > course_.settled && is_still() ? still + 1 : 0;
+            if (still == at_rest && s < middle) half = world_;
         }
         found.moved = length(at(world_) - at(let_go));
         found.turned = angle(let_go.inverse() * world_);
@@ -98,6 +101,8 @@ private:
     static constexpr double tilt = 0.3;                      // [rad] of directions about down
     static constexpr int around = 16, rounds = 6;
     static constexpr double alike = 1e-7;  // [m, rad] change of a step that ends its rounds
+    static constexpr double rest = 1e-7;   // [m, rad] of a step; so many of them end the hold
+    static constexpr int at_rest = 5;
 
     // Rows of a place that touches, one after the other: normals, two across, one that turns.
     struct Patch {
@@ -120,6 +125,7 @@ private:
     void begin(const Frame& away) {
         world_ = away;
         touched_ = false;
+        toucher_.forget();
         speed_ = turning_ = table_shear_ = {};
         table_spin_ = 0.0;
         std::copy(course_.q, course_.q + n_, q_.begin());
@@ -131,6 +137,10 @@ private:
         const double size = length(object_.gravity);
         up_ = size > 0.0 ? (-1.0 / size) * object_.gravity : Triple{0.0, 0.0, 1.0};
         height_ = dot(up_, world_.act(farthest(world_.turn_back(-1.0 * up_))));
+    }
+
+    bool is_still() const {
+        return std::all_of(y_.begin(), y_.end(), [](double one) { return std::fabs(one) < rest; });
     }
 
     // From here on the joints are held where they are.
@@ -148,7 +158,7 @@ private:
     void look() {
         touches_.clear();
         toucher_.touch(q_.data(), world_.inverse() * object_.root,
-                       {near, lean, world_.turn_back(object_.gravity), deep, false}, touches_);
+                       {near, lean, world_.turn_back(object_.gravity), deep, false, true}, touches_);
     }
 
     // The object's point farthest along a direction.

@@ -63,13 +63,19 @@ struct TouchOptions {
     Triple gravity;
     double deepest = tolerance;  // [m] what is farther inside is no touch
     bool collisions = true;      // of the hand with itself: whether they are looked for
+    bool follows = false;        // what touched at the last call is pressed from the same side
 };
 
 // Finds touches, with memory of its own.
 class Toucher {
 public:
     explicit Toucher(const TouchScene& scene)
-        : scene_(scene), joints_(scene.joints.size()), parts_(scene.parts.size()), best_(scene.parts.size()) {
+        : scene_(scene),
+          joints_(scene.joints.size()),
+          parts_(scene.parts.size()),
+          best_(scene.parts.size()),
+          last_(scene.parts.size()),
+          now_(scene.parts.size()) {
         for (std::size_t i = 0; i < scene.solids.size(); ++i)
             if (i == 0)
                 around_ = scene.solids[i].bounds();
@@ -83,6 +89,8 @@ public:
         const std::int64_t grasp = static_cast<std::int64_t>(found.grasps++);
         double depth = 0.0;
         bool failed = false;
+        std::fill(last_.begin(), last_.end(), Triple{});
+        if (options.follows) last_.swap(now_);
         find_near(options.tolerance);
         for (Candidate& best : best_) {
             if (best.part < 0) continue;
@@ -92,13 +100,16 @@ public:
             if (way.gap < -options.deepest)
                 depth = std::max(depth, -way.gap);
             else
-                note(grasp, best, way, options.lean, found);
+                note(grasp, best, way, options.lean, found),
+                    now_[scene_.parts[best.part].link] = back_.turn(way.normal);
         }
         found.depth.push_back(depth);
         found.failed.push_back(failed);
         found.collision.push_back(options.collisions ? find_collision() : -1);
         bear(options.gravity, found.gravity);
     }
+
+    void forget() { std::fill(now_.begin(), now_.end(), Triple{}); }
 
     // Distance of some parts of the hand from the object, up to `reach`: of convex hulls, from below.
     double gap(const double* q, const Frame& root, const std::vector<int>& parts, double reach) {
@@ -124,6 +135,8 @@ private:
     static constexpr double flush = 1e-4;  // [m] behind the hull: on it
     static constexpr int rounds = 12;      // of finding the direction,
     static constexpr double alike = 1e-4;  // and where it has settled [rad]
+    static constexpr double play = 1e-5;   // [m] by which convex parts may overlap: bars drawn side by side slide so
+    static constexpr double rolled = 0.3;  // of what pressed before [rad]
 
     struct Near {
         double room;  // [m] they are at least so far apart
@@ -208,7 +221,10 @@ private:
         // along a wall, in the direction that is shortest.
         const double far = off - gap.distance;
         constexpr double most = std::numeric_limits<double>::max();
-        WayOut found = leave(part, at, normal, far, most);
+        const Triple last = back_.turn_back(last_[part.link]);
+        const bool follows = dot(last, last) > 0.0;
+        WayOut found = leave(part, at, follows ? last : normal, far, most);
+        if (follows && found.settled && dot(found.normal, last) > 1.0 - rolled * rolled / 2.0) return found;
         if (found.found && found.gap > -2.0 * far && (found.settled || found.gap < gap.distance + 3.0 * off))
             return found;
         for (int i = 0; i < 12; ++i) {  // to the corners of an icosahedron
@@ -302,7 +318,10 @@ private:
             const Frame there = parts_[i].inverse() * parts_[j];
             if (room_between(one.bounds(), other.bounds(), there, 0.0) > 0.0) continue;
             const Triple along = size > 0.0 ? parts_[i].turn_back((1.0 / size) * apart) : Triple{1.0, 0.0, 0.0};
-            if (Nearest(one, other, there, along, 0.0, false).gap.distance <= 0.0) return static_cast<std::int64_t>(k);
+            if (!(Nearest(one, other, there, along, 0.0, false).gap.distance <= 0.0)) continue;
+            const bool solid = one.whole() && other.whole();
+            if (!solid || Nearest(one, other, there, along, 0.0).gap.distance <= -play)
+                return static_cast<std::int64_t>(k);
         }
         return -1;
     }
@@ -334,7 +353,8 @@ private:
     Bounds around_;
     std::vector<Frame> joints_, parts_;
     std::vector<Near> near_;
-    std::vector<Candidate> best_;  // of each link
+    std::vector<Candidate> best_;     // of each link
+    std::vector<Triple> last_, now_;  // normals of what touches, of each link, in the world
     std::vector<Load> carried_;
 };
 
