@@ -58,6 +58,7 @@ def close_hand(
     wrap: bool = False,
     fixed: bool = False,
     friction: float = 0.5,
+    collisions: SelfCollisions | None = None,
 ) -> Closure:
     """Close ``hand`` on ``body`` until nothing moves any more.
 
@@ -77,6 +78,8 @@ def close_hand(
             all.
         friction: coefficient at which an object that such fingers push jams between them [-]: it is pushed no further.
             Not used with ``fixed``.
+        collisions: of the hand with itself, wherever it was placed; None: they are listed anew, which takes
+            milliseconds.
 
     Raises:
         InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.
@@ -103,7 +106,7 @@ def close_hand(
     closing.approach()
     if not fixed:
         closing.push(friction)
-    return closing.result()
+    return closing.result(SelfCollisions(hand) if collisions is None else collisions)
 
 
 def _posture(hand: HandModel, name: str, given: Posture | None, default: Array) -> Array:
@@ -327,7 +330,7 @@ class _Closing:
             self.note_end(i)
         self.events.append((at, q.copy()))
 
-    def result(self) -> Closure:
+    def result(self, collisions: SelfCollisions) -> Closure:
         """The record; fingers that found nothing to touch are where they started, out of the others' way."""
         self.events.append((max(self.at, self.events[-1][0]), self.q.copy()))
         # What went on beyond a finger's last touch without meeting anything goes back to where it was then.
@@ -368,7 +371,7 @@ class _Closing:
                 shares=frozen(np.array([share for share, _ in self.events])),
                 postures=frozen(np.array([posture for _, posture in self.events])),
             ),
-            self_collisions=SelfCollisions(self.hand).between(self.start, self.q),
+            self_collisions=collisions.between(self.start, self.q),
             pushed=read_only(pushed),
             notes=tuple(notes),
         )

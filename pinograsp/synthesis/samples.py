@@ -68,6 +68,12 @@ class SearchCase:
     scene: BulkScene | None
     region: Region | None = None
     least_fingers: int | None = None
+    collisions: SelfCollisions | None = None
+
+    @property
+    def self_collisions(self) -> SelfCollisions:
+        """Of the hand, wherever it is."""
+        return SelfCollisions(self.hand) if self.collisions is None else self.collisions
 
 
 def make_search_case(
@@ -144,6 +150,7 @@ class Posed(NamedTuple):
 def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     """Draw and close ``size`` samples, and refine the best."""
     outcomes: list[str] = []
+    case = replace(case, collisions=SelfCollisions(case.hand))
     drawn: list[tuple[Posed, Tried]] = []
     for _ in range(size):
         posed = _draw(case, rng)
@@ -173,7 +180,7 @@ def _best_of(case: SearchCase, ranked: list[tuple[Posed, Tried]]) -> FoundGrasp 
         if tried.grasp is None or (best is not None and best.sound >= tried.grasp.sound):
             break
         placed = Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed)
-        exact = _try_closing(case, _open_wider(placed), quick=False).grasp
+        exact = _try_closing(case, _open_wider(case, placed), quick=False).grasp
         if exact is None or exact.room < tried.grasp.room:
             exact = _try_closing(case, placed, quick=False).grasp
         if exact is not None and (best is None or exact.worth > best.worth):
@@ -186,13 +193,13 @@ def _best_of(case: SearchCase, ranked: list[tuple[Posed, Tried]]) -> FoundGrasp 
     return replace(best, closure=closure, forces=forces)
 
 
-def _open_wider(posed: Posed) -> Posed:
+def _open_wider(case: SearchCase, posed: Posed) -> Posed:
     """The same with a start from farther back on the way of its fingers, for an object that is not where it should be;
     as far as the joints' limits and the other links let it.
     """
     hand, opened, closed = posed
     wider = np.clip(opened - _WIDER * (closed - opened), hand.lower, hand.upper)
-    return posed if SelfCollisions(hand).between(opened, wider) else Posed(hand, wider, closed)
+    return posed if case.self_collisions.between(opened, wider) else Posed(hand, wider, closed)
 
 
 class Tried(NamedTuple):
@@ -256,12 +263,14 @@ def _closure(case: SearchCase, posed: Posed) -> Closure:
     """The hand closed; fingers that touch the object outside the region stay open, as long as two others close."""
     hand, closed = posed.hand, posed.closed.copy()
     if cannot_stop_alone(hand) and not case.wrap:
-        closure = centre_on(hand, case.body, posed.opened, closed)
+        closure = centre_on(hand, case.body, posed.opened, closed, case.self_collisions)
         if closure is not None:
             return closure
     closing = {finger.name: finger for finger in hand.fingers}
     while True:
-        closure = close_hand(hand, case.body, start=posed.opened, target=closed, wrap=case.wrap)
+        closure = close_hand(
+            hand, case.body, start=posed.opened, target=closed, wrap=case.wrap, collisions=case.self_collisions
+        )
         outside = [name for name in _outside(case, closure) if name in closing]
         if not outside or len(closing) - len(outside) < 2:
             return closure
