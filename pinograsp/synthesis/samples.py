@@ -296,7 +296,7 @@ def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | None:
     """A hand clear of the object, its fingertips about two surfaces that face each other; None: not found."""
     pairs, body = case.pairs, case.body
     widths = np.array([one.width for one in case.preshapes])
-    for _ in range(_DRAWS):
+    for _ in range(_DRAWS if case.preshapes else 0):
         # Pairs near the centre of mass are drawn more often: there the weight turns nothing.
         i = min(int(rng.exponential(len(pairs.widths) / 4)), len(pairs.widths) - 1)
         nearest = np.argsort(np.abs(widths - pairs.widths[i]), kind="stable")[:_NEAREST]

@@ -47,6 +47,7 @@ from pinograsp.synthesis.seeds import Region
 from pinograsp.writing import write_errors
 
 _MOST = 100_000  # samples
+_NO_WAY = "Its fingertips come together nowhere on their way: look at the joints' axes and limits (view shows them)"
 _ROUNDS, _MOST_ROUNDS = 4, 8  # times ``count`` samples are tried, as long as no grasp is sound; where some withstand
 _PINCHING = 2  # of four rounds: where nothing is sound, the others look for power grasps
 _NEAR = 2  # grasps of wider conditions that are kept
@@ -216,7 +217,7 @@ def find_grasps(
         opening=opening,
         width=width,
         interrupted=run.interrupted,
-        remarks=_remarks(hand),
+        remarks=_remarks(hand) + (() if case.preshapes else (_NO_WAY,)),
         near=near,
         advice=what_would_do(near, conditions, impact_time),
     )

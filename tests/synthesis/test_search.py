@@ -133,6 +133,20 @@ def test_sizes_that_no_hand_opens_to_are_named(allegro):
         assert ("read as metres" in replace(search, width=width).explain()) == units
 
 
+def test_jaws_that_are_through_each_other_all_the_way_are_named(tmp_path, ball):
+    jaw = own_hands.link("{}", 0.05, "box 0.034 0.02 0.05")
+    slide = {"limit": "0 0.03 20 1", "kind": "prismatic"}
+    parts = [
+        *(own_hands.link("palm", 0.3, "box 0.1 0.1 0.02", "0 0 -0.05"), jaw.format("left"), jaw.format("right")),
+        own_hands.joint("slide", "palm", "left", "-0.012 0 0", "1 0 0", **slide),
+        own_hands.joint("other", "palm", "right", "0.012 0 0", "-1 0 0", mimic="slide 1 0", **slide),
+    ]
+    path = tmp_path / "through.urdf"
+    path.write_text(own_hands.robot("through", *parts), encoding="utf-8")
+    search = find_grasps(load_hand(path), ball, count=2, jobs=1, **SETTINGS)
+    assert not search.grasps and "come together nowhere" in search.explain()
+
+
 @pytest.mark.parametrize("shape", ["sphere", "box", "tube"])
 def test_pairs_face_each_other(shape):
     """On a ball all run through its middle; of a box they are as far apart as its faces; of a tube either wall to
