@@ -260,7 +260,9 @@ CATALOGUE: dict[str, Entry] = {
                 title=f"TIAGo Pro gripper, {side}",
                 root=f"gripper_{side}_base_link",
                 fingers={jaw: f"gripper_{side}_fingertip_{jaw}_link" for jaw in ("left", "right")},
-                sources=_guess("0.1 N m in tiago_pro_description"),
+                # One motor turns both fingers; what it makes is the torque at the joint that all others follow.
+                drives=_motors([f"gripper_{side}_finger_joint"], "jaw", 6.0),
+                sources=_guess("6 N m, which is 30 N at a fingertip, in place of 0.1 N m in tiago_pro_description"),
             ),
         }
     ),

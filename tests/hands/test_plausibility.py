@@ -270,9 +270,9 @@ def test_joints_with_some_way_to_go_stay(tmp_path, kind, ends):
     assert "play" in with_play(tmp_path, kind, ends).joint_names
 
 
-@pytest.mark.parametrize("name, given, kept", [("tiago_pro_left", 3.0, 3.0), ("panda", 1e3, None)])
+@pytest.mark.parametrize("name, given, kept", [("pr2_left", 30.0, 30.0), ("panda", 1e3, None)])
 def test_a_limit_that_is_said_takes_the_place_of_a_placeholder(name, given, kept):
-    """TIAGo Pro's file says 0.1 N m for its gripper; the Panda's limit is its maker's."""
+    """PR2's file says 1000 N m for each finger; the Panda's limit is its maker's."""
     case = ObjectCase.of(hand=name, object="sphere:radius=0.03,mass=0.18", torque_limit=given, samples=4)
     plan = case.plan(progress=False)
     np.testing.assert_allclose(plan.torque_limit, plan.hand.effort if kept is None else kept)

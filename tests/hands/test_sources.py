@@ -43,6 +43,10 @@ def test_limits_of_makers():
         loaded(name).drives[0].source("limit").guess for name in ("allegro_right", "panda", "so101", "g1_left")
     )
     assert all(loaded(name).drives[0].source("limit").guess for name in ("pr2_left", "hey5", "talos_left", "sake_left"))
+    # 30 N at a fingertip: by the arm of a force there on the one joint that moves both.
+    jaws = loaded("tiago_pro_left")
+    assert jaws.drives[0].limit == jaws.effort[0] == 6.0 and jaws.drives[0].source("limit").guess
+    assert not any(note.startswith("effort limits that look like placeholders") for note in jaws.notes)
 
 
 def test_stiffness_of_a_servo_as_identified():
