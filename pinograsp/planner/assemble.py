@@ -50,6 +50,7 @@ _SLIDES = 1e-4  # [m] across the normal: worth a caution
 _GRAZES = 0.1  # of the largest depth: a link that is less deep presses with less than 3 % of the force there
 _ROUNDING = 1e-3  # forces lie on their limits
 _OTHER = 0.03  # share of a force from which on it is another one
+_LEFT = 0.5  # share of the planned forces that the release has to leave
 
 
 def assemble_plan(
@@ -122,7 +123,15 @@ def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion, push: fl
     problem = solution.problem
     if motion.status is not Status.OK or problem.object is None:
         return motion
-    share = doubtful_share(hand, problem.object, problem.contacts, solution.normal_forces)
+    planned, left = solution.normal_forces, np.asarray(motion.settled_forces)
+    kept = float(np.minimum(left, planned).sum() / planned.sum())
+    if kept < _LEFT:
+        remedy = (
+            f"once the object is let go its contacts press with {100 * kept:.0f} % of the planned forces, on which its "
+            "reserve relies: take another grasp, or more samples"
+        )
+        return replace(motion, status=Status.DOUBTFUL, remedy=remedy)
+    share = doubtful_share(hand, problem.object, problem.contacts, planned)
     if share <= DOUBTFUL:
         leaving = instability(hand, solution, motion.q[-1], servo_gains(hand), push)
         return replace(motion, status=Status.DOUBTFUL, remedy=leaving) if leaving else motion

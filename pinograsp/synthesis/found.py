@@ -191,7 +191,10 @@ def _displacement(closure: Closure, problem: ForceProblem, reserve: Reserve | No
     """Of the object under the push of the reserve, squeezed by normal forces (k,) [m]."""
     if reserve is None or squeeze is None:
         return 0.0
-    hand, forces_c = closure.hand, np.column_stack([np.zeros((problem.k, 2)), squeeze])
+    hand, G, forces_c = closure.hand, problem.contacts.G, np.column_stack([np.zeros((problem.k, 2)), squeeze])
+    # What bears the weight keeps an object that hangs below its contacts from turning.
+    forces_c += (np.linalg.pinv(G) @ (-problem.load - G @ forces_c.ravel())).reshape(-1, 3)
+    forces_c[:, 2] = np.maximum(forces_c[:, 2], 0.0)
     held = held_stiffness(hand, problem, forces_c, np.array(closure.q), servo_gains(hand))
     weight = held_body(problem).mass * float(np.linalg.norm(problem.gravity_o))
     return push_away(held, reserve.disturbance * weight)
