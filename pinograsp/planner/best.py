@@ -103,7 +103,7 @@ def plan_best(
             best = _check(best)[0] if check else best
         return best.with_tolerance()
     near = [GraspTask.of_closure(one.closure, conditions, options) for one in found.near]
-    raise _refusal(refused, near)
+    raise _refusal(refused, near, found.size_remark)
 
 
 def _share_lost(plan: GraspPlan) -> float:
@@ -116,8 +116,9 @@ def _share_lost(plan: GraspPlan) -> float:
         return 0.0
 
 
-def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) -> NoGrasp:
-    """What came of grasps none of which could be planned: a failure, with what would do.
+def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], size: str) -> NoGrasp:
+    """What came of grasps none of which could be planned: a failure, with what would do, and the object's ``size``
+    where that is in the way.
 
     It is that of the best grasp; or, where one of wider conditions fails under the given ones, too, of that one.
     """
@@ -138,6 +139,7 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask]) ->
     proven = sum(isinstance(one, GraspInfeasible) for one, _ in refused)
     how = "proven for each of them" if proven == len(refused) else f"proven for {proven} of them"
     lead = f"none of the {len(refused)} grasps that were found can be planned ({how}). Of the nearest one:"
+    lead = f"{size}. {lead}" if size else lead
     kind = type(told) if proven in (0, len(refused)) else GraspUndecided
     return kind(f"{lead} {told}", told.solution, remedy=told.remedy)
 

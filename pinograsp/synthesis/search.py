@@ -97,6 +97,17 @@ class GraspSearch:
             raise GraspNotFound(self.explain(), self)
         return self.grasps[0]
 
+    @property
+    def size_remark(self) -> str:
+        """That the object is larger than the hand opens, or very small for it, in words; else nothing."""
+        least, largest = self.opening
+        sizes = f"its opposed surfaces are {1e3 * self.width:.3g} mm apart or more, and this hand opens by"
+        if self.width > largest:
+            return f"The object is too large: {sizes} {1e3 * largest:.3g} mm"
+        if self.width < least / _TOO_SMALL:
+            return f"The object is very small: {sizes} {1e3 * least:.3g} to {1e3 * largest:.3g} mm"
+        return ""
+
     def explain(self) -> str:
         """What came of it in words: how many samples ended how, and what to do where none holds."""
         counts = "; ".join(f"{_SAID.get(what, what)}: {count}" for what, count in self.outcomes.items())
@@ -106,14 +117,10 @@ class GraspSearch:
             which = "" if good == len(self.grasps) else f" ({good} with a squeeze that withstands the reserve)"
             grasps = _count(len(self.grasps), "grasp")
             text = f"{grasps}{which} from {samples}, the best of every {_BATCH} moved about. As drawn: {counts}"
-            return "\n".join([text, *self.advice])
+            remark = [] if good else [self.size_remark]
+            return "\n".join(filter(None, [text, *remark, *self.advice]))
         text, (least, largest) = f"no grasp of {samples} holds the object: {counts}", self.opening
-        sizes = f"its opposed surfaces are {1e3 * self.width:.3g} mm apart or more, and this hand opens by"
-        if self.width > largest:
-            text += f". The object is too large: {sizes} {1e3 * largest:.3g} mm"
-        elif self.width < least / _TOO_SMALL:
-            text += f". The object is very small: {sizes} {1e3 * least:.3g} to {1e3 * largest:.3g} mm"
-        text = ". ".join([text, *self.remarks])
+        text = ". ".join(filter(None, [text, self.size_remark, *self.remarks]))
         if not least / _TOO_SMALL < self.width < largest * _TOO_LARGE:
             text += "; millimetres read as metres, or metres as millimetres? (scale=0.001)"
         return "\n".join([text, *self.advice])
@@ -200,7 +207,11 @@ def find_grasps(
                 if i == _ROUNDS and not any(grasp.withstands for grasp in run.found):
                     break
                 run.batches(one, interrupt, wrap=wrap or i % _ROUNDS >= _PINCHING)
-                if any(grasp.sound == SOUND for grasp in run.found) or (not run.found and too_large):
+                if any(grasp.sound == SOUND for grasp in run.found):
+                    break
+                if too_large and (
+                    not run.found or i + 1 == _PINCHING
+                ):  # off their middle some may be held all the same
                     break
             near = () if any(grasp.withstands for grasp in run.found) else run.near(rounds[0], interrupt)
         except KeyboardInterrupt:
