@@ -17,7 +17,7 @@ from pinograsp.spatial import Array
 TANGENTIAL = 2e4  # [N/m] of a contact's tangential spring
 _RESOLVED = 0.6  # [rad] at most, of the object's swings on its contacts, in one step
 _SHORTER = 20  # times at most, for that; it is enough for grams in steps of a millisecond
-_CLOSED = 0.1  # [s] after t_F until which a finger may go on to reach a misplaced object
+CLOSED = 0.1  # [s] after t_F until which a finger may go on to reach a misplaced object
 _FEWEST_STEPS = 10  # until the grasp is complete
 _MOST_STEPS = 2_000_000  # their samples take half a gigabyte
 
@@ -122,7 +122,7 @@ class Course:
 
     def __init__(self, task: Task, schedule: Schedule):
         dt, options = schedule.time_step, schedule.options
-        self.stiff = round((task.final_time + _CLOSED) / dt)
+        self.stiff = round((task.final_time + CLOSED) / dt)
         self.steps, self.complete = round(schedule.duration / dt), round(task.final_time / dt)
         self.free = {"fixed": self.complete, "table": 0, "none": round(task.impact_time / dt)}[str(options.support)]
         end = float(task.times[-1])

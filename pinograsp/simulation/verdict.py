@@ -10,6 +10,7 @@ import numpy as np
 from pinograsp.plan import History, Verdict
 from pinograsp.plan.simulation import MOVED, TURNED
 from pinograsp.simulation.options import SimulationOptions
+from pinograsp.simulation.schedule import CLOSED
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, BoolArray
 
@@ -48,7 +49,11 @@ def judge(
     disturbance, support = options.disturbance, options.support
     times, poses, complete, parts = history.times, history.object_poses, history.complete, history.parts
     normal, planned = history.normal_forces, history.planned_forces
-    start, end = poses[0 if support == "none" else complete], poses[-1]
+    # Soft servos close on until a little after t_F, and may take the object along.
+    servo = options.servo
+    closing = support == "table" and (task.closing_stiffness if servo is None else servo.closing) is not None
+    closed = min(int(np.searchsorted(times, times[complete] + CLOSED - 1e-9)), len(times) - 1) if closing else complete
+    start, end = poses[0 if support == "none" else closed], poses[-1]
     drift = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
     turned = end[:3, :3] @ start[:3, :3].T
     turn = float(np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1))))
@@ -57,7 +62,7 @@ def judge(
     tilt = float(np.degrees(np.arccos(np.clip(up @ turned @ up, -1, 1))))
     shaken = 1.0 / disturbance.shake_frequency if np.any(disturbance.shake) else None
     held, reason = _decide(history, drift, turn, release, task.way, gone, shaken)
-    moved = float(np.linalg.norm(poses[complete, :3, 3] - poses[0, :3, 3]))
+    moved = float(np.linalg.norm(poses[closed, :3, 3] - poses[0, :3, 3]))
     if support == "table" and moved > SLIPPED:
         reason += f"; the hand had moved it by {1e3 * moved:.2f} mm until the grasp was complete"
 
