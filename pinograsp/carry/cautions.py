@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pinograsp.carry.path import ArmPath
-from pinograsp.contacts.quality import past_edges
+from pinograsp.contacts.edges import past_edges
 from pinograsp.errors import Status
 from pinograsp.forces import ConvexSolution
 from pinograsp.hands import HandModel, servo_gains

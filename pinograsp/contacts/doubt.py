@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pinograsp.contacts.clearance import HOLLOW, behind_hulls
 from pinograsp.contacts.contact_set import ContactSet
-from pinograsp.contacts.quality import sharp_contacts
+from pinograsp.contacts.edges import sharp_contacts
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array

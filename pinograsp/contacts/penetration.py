@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, instance_of, read_only
 from pinograsp.contacts.clearance import PALM, Distances, HandPart
 from pinograsp.contacts.contact_set import Contact, ContactSet
-from pinograsp.contacts.quality import ASIDE, TURNED, turns_nearby
+from pinograsp.contacts.edges import ASIDE, TURNED, turns_nearby
 from pinograsp.errors import ContactNotReached, GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body, tangents

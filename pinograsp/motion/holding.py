@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.actuation import CompliantHand, ObjectStiffness, contact_stiffness, object_stiffness
 from pinograsp.contacts import ContactSet
-from pinograsp.contacts.quality import on_edges
+from pinograsp.contacts.edges import on_edges
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem
 from pinograsp.hands import HandModel

@@ -14,8 +14,8 @@ from pinograsp.checks import instance_of, mapping_of, read_only, text_of
 from pinograsp.contacts import PALM, Closure
 from pinograsp.contacts.clearance import HOLLOW, behind_hulls
 from pinograsp.contacts.doubt import DOUBTFUL, doubtful_share
+from pinograsp.contacts.edges import sharp_contacts
 from pinograsp.contacts.hits import find_overlaps
-from pinograsp.contacts.quality import sharp_contacts
 from pinograsp.errors import SearchFailed, Status
 from pinograsp.forces import (
     ConvexSolution,

@@ -10,7 +10,7 @@ from pinograsp import core
 from pinograsp.checks import flag, instance_of
 from pinograsp.contacts import Closure
 from pinograsp.contacts.doubt import doubtful_share
-from pinograsp.contacts.quality import past_edges
+from pinograsp.contacts.edges import past_edges
 from pinograsp.errors import (
     GraspInfeasible,
     GraspUndecided,

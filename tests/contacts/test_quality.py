@@ -17,6 +17,7 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from pinograsp.contacts import ContactSet, Friction, MarhefkaOrin
+from pinograsp.contacts.edges import past_edges
 from pinograsp.contacts.inscribed_ball import Polytope, inscribed_ball
 from pinograsp.contacts.quality import (
     ferrari_canny,
@@ -24,7 +25,6 @@ from pinograsp.contacts.quality import (
     grasp_stiffness,
     grasp_volume,
     manipulability,
-    past_edges,
 )
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import force_closure, min_weight

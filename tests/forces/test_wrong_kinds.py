@@ -7,7 +7,7 @@ import pytest
 
 import pinograsp as pg
 from pinograsp import contacts, forces, motion, planner, synthesis
-from pinograsp.contacts import quality
+from pinograsp.contacts import edges
 from pinograsp.errors import InvalidInput
 from pinograsp.viz import figures, still
 
@@ -27,8 +27,8 @@ CALLS = {
     "load_factor": lambda x: forces.load_factor(BALL if x is PROBLEM else x, impact_time=0.9),
     "fingertips": lambda x: contacts.fingertips(x, None),
     "link_centre": lambda x: contacts.link_centre(x, None, 1),
-    "on_edges": lambda x: quality.on_edges(BALL, x),
-    "past_edges": lambda x: quality.past_edges(BALL, THREE, x),
+    "on_edges": lambda x: edges.on_edges(BALL, x),
+    "past_edges": lambda x: edges.past_edges(BALL, THREE, x),
     "effort_of": lambda x: motion.effort_of(x, "effort"),
     "normal_at_rest": lambda x: motion.normal_at_rest(x, ANSWER),
     "record_failure": lambda x: planner.record_failure(x, "hand", {}),
