@@ -52,7 +52,9 @@ def cut_hollow_links(geometry: pin.GeometryModel, joints: Collection[int]) -> tu
             continue
         told.append(f"{one.name} ({len(parts)})")
         for i, part in enumerate(parts):
-            form = collision_model(part.reshape(-1, 3), np.arange(3 * len(part)).reshape(-1, 3))
+            # In single precision, as records of hands keep meshes.
+            corners = part.reshape(-1, 3).astype(np.float32).astype(float)
+            form = collision_model(corners, np.arange(3 * len(part)).reshape(-1, 3))
             cut.addGeometryObject(
                 pin.GeometryObject(f"{one.name}.{i}", one.parentJoint, one.parentFrame, one.placement, form)
             )

@@ -48,7 +48,7 @@ def plan(request):
 
 @pytest.fixture(scope="module")
 def simulations(plan, primitive):
-    return [pg.simulate(one, hold=0.02, time_step=1e-3) for one in (plan, primitive)]
+    return [pg.simulate(one, hold=0.02, support="fixed", time_step=1e-3) for one in (plan, primitive)]
 
 
 @pytest.mark.slow
