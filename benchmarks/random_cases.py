@@ -74,6 +74,7 @@ COLUMNS = (
     "seconds",
 )
 LIMITS = {"turning": 0.2, "sliding": 8.0}
+SETTINGS = {"support": "fixed", "time_step": 5e-4}  # of simulations
 IMPACT = 0.9
 NEAR = 5e-3  # [m] what an object may move and still count as held
 _ANY_DEPTH = 0.02  # [m] what is called infeasible must be so for friction and motors, not for a limit of the plan's own
@@ -139,8 +140,7 @@ def with_reserve(case: dict, hand, body, rng) -> dict | None:
         mu=case["mu"] * rng.uniform(1 - reserve.friction, 1),
         pushes=Push(wrench_o=[*push, 0, 0, 0], start=0.2, duration=0.5),
     )
-    settings = {"support": "fixed", "time_step": 5e-4}
-    verdict, disturbed = (pg.simulate(plan, disturbance=one, **settings) for one in (Disturbance(), within))
+    verdict, disturbed = (pg.simulate(plan, disturbance=one, **SETTINGS) for one in (Disturbance(), within))
     said = f"mass x {within.mass_factor:.2f}, mu {within.mu:.2f}, push {1e3 * np.linalg.norm(push):.0f} mN"
     return row(case, "feasible", plan, body, verdict.verdict) | {
         "remark": "; ".join(plan.cautions),
@@ -182,7 +182,7 @@ def too_heavy(case: dict, target: float, placement, body, asked: pg.GraspConditi
     if margin > 0.9:
         return None
     heavier = Disturbance(mass_factor=real.mass / planned_for.mass)
-    verdict = pg.simulate(plan, disturbance=heavier, support="fixed", time_step=5e-4).verdict
+    verdict = pg.simulate(plan, disturbance=heavier, **SETTINGS).verdict
     return row(case, "infeasible", plan, real, verdict) | {"margin": f"{margin:.3f}", "remark": "; ".join(remarks)}
 
 

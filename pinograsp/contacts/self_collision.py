@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 import coal
 import numpy as np
@@ -24,7 +25,7 @@ class SelfCollisions:
 
     def __init__(self, hand: HandModel):
         model = hand.model
-        self.model, self.data = model, model.createData()
+        self.hand, self.model, self.data = hand, model, model.createData()
         self.objects = list(hand.geometry.geometryObjects)
         self.touch, self.overlap = coal.CollisionRequest(), coal.CollisionRequest()
         self.overlap.security_margin = -_TOUCH
@@ -49,6 +50,10 @@ class SelfCollisions:
             linked = self._link(hand, coupled)
             free = np.array([(self.links[a], self.links[b]) not in linked for b, a in self.pairs.tolist()])
             self.pairs, self.reach = self.pairs[free], self.reach[free]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """In another process the pairs are listed anew."""
+        return SelfCollisions, (self.hand,)
 
     def _link(self, hand: HandModel, coupled: list[tuple[int, int]]) -> set[tuple[str, str]]:
         """Names of the links that overlap over half of the hand's range or more."""

@@ -14,6 +14,7 @@ from pinograsp.spatial import Array
 # Ratio of damping to stiffness [s], stable for links of hardly any mass. MuJoCo's couplings need damping that is not
 # implicit: critical there.
 SETTLING = 0.01
+CLOSED = 0.1  # [s] after t_F until which a finger may go on to reach a misplaced object; then joints are held
 
 
 def unknown_stiffness(hand: HandModel) -> str | None:

@@ -10,11 +10,12 @@ import pinocchio as pin
 from pinograsp.checks import read_only
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.contacts.misplaced import ClosingCommands, Pressing, close_misplaced
+from pinograsp.hands.servos import CLOSED
 from pinograsp.plan.tolerance import SMALLEST, PoseError, PoseTolerance
 from pinograsp.spatial import Array, BoolArray
 
 STEP = 0.01  # [s] of the commands
-CLOSED, HOLD = 0.1, 0.4  # [s] after t_F until joints are held where they are; of the hold
+HOLD = 0.4  # [s] after the joints are held where they are
 _STIFFNESS = 500.0, 5e4  # [N/m] of a link's contacts, at least and at most
 _LARGER = (1.5, 2.0, 3.0, 4.0)  # times the error that is asked about
 

@@ -66,11 +66,13 @@ def assemble_plan(
 ) -> GraspPlan:
     """The plan of a hand that is to bring these forces about by this motion."""
     problem, contacts, friction = solution.problem, solution.problem.contacts, solution.problem.friction
+    push = 0.0 if reserve is None else reserve.force
+    unstable = instability(hand, solution, motion.q[-1], servo_gains(hand), push)
     if closure is not None and reserve is not None:
-        motion = _in_doubt(hand, solution, motion, reserve.force)
+        motion = _in_doubt(hand, solution, motion, unstable)
     closed = () if closure is None else closure.notes
     changed = () if problem.object is None else tuple(f"object: {note}" for note in problem.object.notes)
-    cautions = _cautions(hand, solution, motion, 0.0 if reserve is None else reserve.force)
+    cautions = _cautions(hand, solution, motion, unstable)
     others = [note for note in motion.notes if note not in cautions]
     return GraspPlan(
         layout=Layout(
@@ -116,15 +118,15 @@ def assemble_plan(
     )
 
 
-def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion, push: float) -> Motion:
+def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion, unstable: str | None) -> Motion:
     """The motion with its status, where the reserve hangs on contacts that a small error changes, or the object leaves
-    by itself or gives way far to its ``push`` [N].
+    by itself or gives way far (``unstable``, in words).
     """
     problem = solution.problem
     if motion.status is not Status.OK or problem.object is None:
         return motion
-    planned, left = solution.normal_forces, np.asarray(motion.settled_forces)
-    kept = float(np.minimum(left, planned).sum() / planned.sum())
+    planned = solution.normal_forces
+    kept = float(np.minimum(motion.settled_forces, planned).sum() / planned.sum())
     if kept < _LEFT:
         remedy = (
             f"once the object is let go its contacts press with {100 * kept:.0f} % of the planned forces, on which its "
@@ -133,8 +135,7 @@ def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion, push: fl
         return replace(motion, status=Status.DOUBTFUL, remedy=remedy)
     share = doubtful_share(hand, problem.object, problem.contacts, planned)
     if share <= DOUBTFUL:
-        leaving = instability(hand, solution, motion.q[-1], servo_gains(hand), push)
-        return replace(motion, status=Status.DOUBTFUL, remedy=leaving) if leaving else motion
+        return replace(motion, status=Status.DOUBTFUL, remedy=unstable) if unstable else motion
     where = f"{100 * share:.0f} % of the normal forces act on edges of the object or where links are hollow"
     remedy = f"{where}: a small error turns them. Take another grasp, or more samples"
     return replace(motion, status=Status.DOUBTFUL, remedy=remedy)
@@ -217,8 +218,8 @@ def _certificate(solution: ForceSolution) -> PlanCertificate | None:
     )
 
 
-def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, push: float) -> tuple[str, ...]:
-    """What the plan's promise does not cover, in words; ``push`` of the reserve [N]."""
+def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, unstable: str | None) -> tuple[str, ...]:
+    """What the plan's promise does not cover, in words; ``unstable``: how the object would leave or give way."""
     problem, contacts, cautions = solution.problem, solution.problem.contacts, list[str]()
     if problem.balance == "force":
         cautions.append("forces are balanced, moments are not: a free object turns (balance='wrench')")
@@ -260,7 +261,7 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, push: fl
             f"{name} meets the object as the hand presses, where no contact is planned: it bears a part of the force"
             for name in pressing_too(hand, solution, motion.q[-1])
         ]
-    if unstable := instability(hand, solution, motion.q[-1], servo_gains(hand), push):
+    if unstable:
         cautions.append(unstable)
     return (*cautions, *drive_cautions(hand, solution, motion), *_hardly_pressing(solution))
 

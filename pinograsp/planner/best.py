@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinograsp import core
 from pinograsp.checks import flag, instance_of
 from pinograsp.contacts import Closure
 from pinograsp.contacts.doubt import doubtful_share
@@ -14,7 +13,6 @@ from pinograsp.contacts.edges import past_edges
 from pinograsp.errors import (
     GraspInfeasible,
     GraspUndecided,
-    InvalidInput,
     NoGrasp,
     SearchFailed,
     SimulationDiverged,
@@ -28,7 +26,7 @@ from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.options import AS_USUAL, PlanOptions
 from pinograsp.planner.planning import GraspTask
-from pinograsp.planner.tolerance import find_tolerance
+from pinograsp.planner.tolerance import tell_tolerance
 from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 
@@ -86,7 +84,8 @@ def plan_best(
             refused.append((error, task))
             continue
         faults = _count_faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
-        lost = _share_lost(plan)
+        tolerance = tell_tolerance(plan, closure, quick=True)
+        lost = 0.0 if tolerance is None else 1.0 - tolerance.kept
         if check and plan.status is Status.OK:
             plan, held = _check(plan)
             faults += 0 if held else _MOST_FAULTS
@@ -104,16 +103,6 @@ def plan_best(
         return best.with_tolerance()
     near = [GraspTask.of_closure(one.closure, conditions, options) for one in found.near]
     raise _refusal(refused, near, found.size_remark)
-
-
-def _share_lost(plan: GraspPlan) -> float:
-    """Of objects that are 5 mm and 5 deg off their place; 0 where it cannot be told."""
-    if plan.status is not Status.OK or not core.is_installed():
-        return 0.0
-    try:
-        return 1.0 - find_tolerance(plan, quick=True).kept
-    except InvalidInput:  # geometry that the core does not know
-        return 0.0
 
 
 def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], size: str) -> NoGrasp:
@@ -139,7 +128,8 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], si
     proven = sum(isinstance(one, GraspInfeasible) for one, _ in refused)
     how = "proven for each of them" if proven == len(refused) else f"proven for {proven} of them"
     lead = f"none of the {len(refused)} grasps that were found can be planned ({how}). Of the nearest one:"
-    lead = f"{size}. {lead}" if size else lead
+    if size:
+        lead = f"{size}. {lead}"
     kind = type(told) if proven in (0, len(refused)) else GraspUndecided
     return kind(f"{lead} {told}", told.solution, remedy=told.remedy)
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp import core, defaults
+from pinograsp import defaults
 from pinograsp.actuation import FACTORS, ForceBand, GainLimit, ObjectStiffness
 from pinograsp.checks import flag, instance_of, one_of, path_of
 from pinograsp.contacts import Closure
-from pinograsp.errors import InvalidInput, Status
+from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, ForceSolution, GraspConditions, Reaction
 from pinograsp.handover import (
     Command,
@@ -34,7 +34,7 @@ from pinograsp.plan import PlanFailure, PlanRecord, PoseError, Simulation
 from pinograsp.plan.tolerance import SMALL
 from pinograsp.planner.compliance import describe_band, find_band, find_gains, stiffness_of
 from pinograsp.planner.margins import find_margins, find_reach, margin_cautions
-from pinograsp.planner.tolerance import find_tolerance
+from pinograsp.planner.tolerance import tell_tolerance
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
 from pinograsp.writing import NewFolder
@@ -93,11 +93,8 @@ class GraspPlan(PlanRecord):
         """
         instance_of("error", error, PoseError, type(None))
         known = self.tolerance is not None and error is None
-        if known or self.status is not Status.OK or self.closure is None or not core.is_installed():
-            return self
-        try:
-            found = find_tolerance(self, error)
-        except InvalidInput:  # geometry that the core does not know
+        found = None if known else tell_tolerance(self, self.closure, error)
+        if found is None:
             return self
         others = [one for one in self.cautions if not one.startswith(SMALL)]
         small = (f"{SMALL} {found.describe()}",) if found.is_small else ()

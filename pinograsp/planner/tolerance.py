@@ -4,14 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
+from pinograsp import core
 from pinograsp.checks import instance_of
+from pinograsp.contacts import Closure
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.contacts.misplaced import Pressing
-from pinograsp.errors import InvalidInput
+from pinograsp.errors import InvalidInput, Status
 from pinograsp.hands import servo_gains
 from pinograsp.motion.tolerance import measure_tolerance, sample_commands, stiffness_of_links
 from pinograsp.plan import PlanRecord
 from pinograsp.plan.tolerance import PoseError, PoseTolerance
+
+
+def tell_tolerance(
+    plan: PlanRecord, closure: Closure | None, error: PoseError | None = None, *, quick: bool = False
+) -> PoseTolerance | None:
+    """As :func:`find_tolerance`; None of a plan that is not ``OK``, or of given contacts (no ``closure``), or without
+    the compiled core, or of geometry that it does not know.
+    """
+    if plan.status is not Status.OK or closure is None or not core.is_installed():
+        return None
+    try:
+        return find_tolerance(plan, error, quick=quick)
+    except InvalidInput:  # geometry that the core does not know
+        return None
 
 
 def find_tolerance(

@@ -50,7 +50,7 @@ class SimulationOptions:
             for it, since it is light or harder than planned, gets one up to 20 times shorter, with a note.
         sample: interval between samples of the record [s].
         release: False: the object stays fixed to the end.
-        support: what bears the object until then: ``"fixed"``: it cannot move until t_F (as in the paper);
+        support: of the object until then: ``"fixed"``: it cannot move until t_F (as in the paper);
             ``"table"``: it stands freely on a table under it, so that whatever hits it on the way moves it (the hand
             itself passes through the table); ``"none"``: from t_I on nothing but the hand holds it. None: a table where
             the plan has one; none of plans that have a reserve; fixed of others, and of objects that are not let

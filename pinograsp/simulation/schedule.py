@@ -9,6 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from pinograsp.checks import each_of
 from pinograsp.errors import InvalidInput
+from pinograsp.hands.servos import CLOSED
 from pinograsp.simulation.options import COARSEST, SimulationOptions
 from pinograsp.simulation.settings import Servo
 from pinograsp.simulation.task import Task
@@ -17,7 +18,6 @@ from pinograsp.spatial import Array
 TANGENTIAL = 2e4  # [N/m] of a contact's tangential spring
 _RESOLVED = 0.6  # [rad] at most, of the object's swings on its contacts, in one step
 _SHORTER = 20  # times at most, for that; it is enough for grams in steps of a millisecond
-CLOSED = 0.1  # [s] after t_F until which a finger may go on to reach a misplaced object
 _FEWEST_STEPS = 10  # until the grasp is complete
 _MOST_STEPS = 2_000_000  # their samples take half a gigabyte
 

@@ -46,7 +46,7 @@ class Task:
         load: on the object about its centre of mass, without the weight (6,) [N, N m].
         gravity_o: (3,) [m/s^2].
         closing_stiffness: gains of the servos while the hand closes (n,) [N m/rad or N/m]; None: as afterwards.
-        support: what bears the object until it is let go, as the plan has it: a table where it stands on one; nothing
+        support: of the object until it is let go, as the plan has it: a table where it stands on one; nothing
             from t_I on where its squeeze has a reserve; else it is fixed.
         carrier: link that the object is to stay with; "": it is to stay where it is.
     """

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pinograsp.hands.servos import CLOSED
 from pinograsp.plan import History, Verdict
 from pinograsp.plan.simulation import MOVED, TURNED
 from pinograsp.simulation.options import SimulationOptions
-from pinograsp.simulation.schedule import CLOSED
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, BoolArray
 

@@ -126,12 +126,11 @@ class FoundGrasp:
 
     @property
     def worth(self) -> tuple[float, ...]:
-        """Of two grasps the one of which this is larger ranks first: sound ones; of others that in which the object
-        gives way less; by the fingers that take part, up to those wanted,
-        since two soft fingertips need the least squeeze and nobody holds things so; then those that press gently; then
-        by the room for an object that is not quite where it is said to be; then by the least squeeze that withstands
-        the reserve; without one, since the cheapest balance is a cradle, by what they withstand in the weakest
-        direction per newton.
+        """Of two grasps the one of which this is larger ranks first: sound ones; of others those in which the object
+        gives way less; then by the fingers that take part, up to those wanted, since two soft fingertips need the least
+        squeeze and nobody holds things so; then those that press gently; then by the room for an object that is not
+        quite where it is said to be; then by the least squeeze that withstands the reserve; without one, since the
+        cheapest balance is a cradle, by what they withstand in the weakest direction per newton.
         """
         fingers, away = min(self.fingers, self.wanted_fingers), max(self.displacement, AWAY)
         order = (self.sound, -away, fingers, self._within(_GENTLE), self.room if self.withstands else 0.0)
@@ -192,7 +191,7 @@ def _displacement(closure: Closure, problem: ForceProblem, reserve: Reserve | No
     if reserve is None or squeeze is None:
         return 0.0
     hand, G, forces_c = closure.hand, problem.contacts.G, np.column_stack([np.zeros((problem.k, 2)), squeeze])
-    # What bears the weight keeps an object that hangs below its contacts from turning.
+    # Forces that hold the weight keep an object that hangs below its contacts from turning.
     forces_c += (np.linalg.pinv(G) @ (-problem.load - G @ forces_c.ravel())).reshape(-1, 3)
     forces_c[:, 2] = np.maximum(forces_c[:, 2], 0.0)
     held = held_stiffness(hand, problem, forces_c, np.array(closure.q), servo_gains(hand))

@@ -43,9 +43,7 @@ _EXACT = 3  # samples of a batch, at most, that the full program is asked about
 _DEEP = 0.6  # of the samples lie deeper than between the fingertips
 _AROUND = 8  # directions along a table in which an object may be displaced; twice as many without one
 _ADVANCES, _ON = 100, 5e-7  # steps that bring an open hand to an object, and the gap [m] that ends them
-_WIDER = (
-    0.3  # of the way of the fingers: open so much wider than their preshape (more than the joints' limits let most)
-)
+_WIDER = 0.3  # of the way of the fingers: how much farther back than their preshape they start
 _TRIES, _MOST_TRIES = 5, 20  # motions that are tried of the best of a batch, and as long as it is not gentle
 _MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of the object's radius, of ranges; angle
 
@@ -66,14 +64,9 @@ class SearchCase:
     pairs: Pairs
     table: SupportPlane | None
     scene: BulkScene | None
+    collisions: SelfCollisions
     region: Region | None = None
     least_fingers: int | None = None
-    collisions: SelfCollisions | None = None
-
-    @property
-    def self_collisions(self) -> SelfCollisions:
-        """Of the hand, wherever it is."""
-        return SelfCollisions(self.hand) if self.collisions is None else self.collisions
 
 
 def make_search_case(
@@ -107,6 +100,7 @@ def make_search_case(
         pairs=find_pairs(body, rng, region),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
         scene=scene_of(rough, body),
+        collisions=SelfCollisions(hand),
         region=region,
         least_fingers=least_fingers,
     )
@@ -150,7 +144,6 @@ class Posed(NamedTuple):
 def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     """Draw and close ``size`` samples, and refine the best."""
     outcomes: list[str] = []
-    case = replace(case, collisions=SelfCollisions(case.hand))
     drawn: list[tuple[Posed, Tried]] = []
     for _ in range(size):
         posed = _draw(case, rng)
@@ -199,7 +192,7 @@ def _open_wider(case: SearchCase, posed: Posed) -> Posed:
     """
     hand, opened, closed = posed
     wider = np.clip(opened - _WIDER * (closed - opened), hand.lower, hand.upper)
-    return posed if case.self_collisions.between(opened, wider) else Posed(hand, wider, closed)
+    return posed if case.collisions.between(opened, wider) else Posed(hand, wider, closed)
 
 
 class Tried(NamedTuple):
@@ -263,13 +256,13 @@ def _closure(case: SearchCase, posed: Posed) -> Closure:
     """The hand closed; fingers that touch the object outside the region stay open, as long as two others close."""
     hand, closed = posed.hand, posed.closed.copy()
     if cannot_stop_alone(hand) and not case.wrap:
-        closure = centre_on(hand, case.body, posed.opened, closed, case.self_collisions)
+        closure = centre_on(hand, case.body, posed.opened, closed, case.collisions)
         if closure is not None:
             return closure
     closing = {finger.name: finger for finger in hand.fingers}
     while True:
         closure = close_hand(
-            hand, case.body, start=posed.opened, target=closed, wrap=case.wrap, collisions=case.self_collisions
+            hand, case.body, start=posed.opened, target=closed, wrap=case.wrap, collisions=case.collisions
         )
         outside = [name for name in _outside(case, closure) if name in closing]
         if not outside or len(closing) - len(outside) < 2:

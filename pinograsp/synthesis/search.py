@@ -207,11 +207,9 @@ def find_grasps(
                 if i == _ROUNDS and not any(grasp.withstands for grasp in run.found):
                     break
                 run.batches(one, interrupt, wrap=wrap or i % _ROUNDS >= _PINCHING)
-                if any(grasp.sound == SOUND for grasp in run.found):
-                    break
-                if too_large and (
-                    not run.found or i + 1 == _PINCHING
-                ):  # off their middle some may be held all the same
+                # Off its middle, what is too large may be held all the same.
+                hopeless = too_large and (not run.found or i + 1 == _PINCHING)
+                if hopeless or any(grasp.sound == SOUND for grasp in run.found):
                     break
             near = () if any(grasp.withstands for grasp in run.found) else run.near(rounds[0], interrupt)
         except KeyboardInterrupt:

@@ -97,11 +97,12 @@ public:
             WayOut way = measure_touch(best);
             failed = failed || !way.found;
             if (!way.found || !(way.gap <= options.tolerance)) continue;
-            if (way.gap < -options.deepest)
+            if (way.gap < -options.deepest) {
                 depth = std::max(depth, -way.gap);
-            else
-                note(grasp, best, way, options.lean, found),
-                    now_[scene_.parts[best.part].link] = back_.turn(way.normal);
+                continue;
+            }
+            note(grasp, best, way, options.lean, found);
+            now_[scene_.parts[best.part].link] = back_.turn(way.normal);
         }
         found.depth.push_back(depth);
         found.failed.push_back(failed);
