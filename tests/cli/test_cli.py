@@ -483,17 +483,14 @@ def test_a_hand_that_is_missing_does_not_hide_the_others(command, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_catalogue_is_listed_within_seconds(tmp_path):
-    """A real process, cold: all hands, meshes and the masses of those without any."""
-    script = (
-        "import sys, time; from pinograsp.cli import main; sys.argv = ['pinograsp', 'hands']\n"
-        "start = time.process_time()\n"
-        "try: main()\nexcept SystemExit as stop: assert not stop.code\n"
-        "print('took', time.process_time() - start)"
-    )
+def test_the_catalogue_is_listed(tmp_path):
+    """By a real process: all hands, meshes and the masses of those without any."""
+    from pinograsp.hands.catalogue import CATALOGUE
+
+    script = "from pinograsp.cli import main; import sys; sys.argv = ['pinograsp', 'hands']; main()"
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    assert "so101" in done.stdout and float(done.stdout.rsplit("took", 1)[1]) < 10  # 2 s on a laptop
+    assert all(name in done.stdout for name in CATALOGUE)
     assert done.stderr == "" and list(tmp_path.iterdir()) == []
 
 

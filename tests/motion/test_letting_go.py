@@ -19,6 +19,7 @@ from pinograsp.motion import surfaces
 from pinograsp.motion.contact_springs import TANGENTIAL, Capped, Contacts, Servos
 from pinograsp.motion.letting_go import Pressed, friction_built_up, let_go
 from pinograsp.planner import plan_best
+from pinograsp.simulation import Servo
 
 MU, WEIGHT = 0.5, 2.0
 
@@ -173,7 +174,9 @@ def idle(servos: Servos) -> Servos:
 @pytest.mark.slow
 @pytest.mark.parametrize("source", ["allegro_right", "g1_left"])
 def test_hands_press_so_that_the_planned_forces_are_left(source):
-    """The simulation, with the hand's servos, has the normal forces that are foreseen, nearly the planned."""
+    """The simulation, with the hand's servos as they are, of an object that is fixed until t_F, has the normal forces
+    that are foreseen, nearly the planned.
+    """
     box = pg.Box(size=(0.045, 0.045, 0.12), density=300)
     conditions = pg.GraspConditions(mu=0.6)
     found = pg.find_grasps(pg.load_hand(source), box, conditions, count=8, seed=3, jobs=1, progress=False)
@@ -182,7 +185,7 @@ def test_hands_press_so_that_the_planned_forces_are_left(source):
     pressed = surfaces.press_closed(plan.hand, plan.solution, contacts.posture, servo_gains(plan.hand))
     planned = plan.forces.normal_forces
     assert pressed.off(planned) < 0.02
-    seen = pg.simulate(plan, hold=0.5)
+    seen = pg.simulate(plan, hold=0.5, support="fixed", servo=Servo.of(plan.hand))
     assert seen.verdict.held
     joints = np.array(
         [0 if one.finger == PALM else plan.hand.finger(one.finger).joint_of(one.link) for one in contacts]

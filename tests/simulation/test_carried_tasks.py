@@ -47,8 +47,8 @@ def longer(task, q):
 def test_commands_that_stay_are_a_longer_hold(task):
     still = longer(task, task.q[-1])
     assert task.way == 0.0 and still.way == pytest.approx(MORE)
-    one = simulate(replace(task, dq=still.dq[:-1]), hold=HOLD + MORE, **FREE)
-    two = simulate(still, hold=HOLD, **FREE)
+    one = simulate(replace(task, dq=still.dq[:-1]), hold=HOLD + MORE, support="fixed", **FREE)
+    two = simulate(still, hold=HOLD, support="fixed", **FREE)
     np.testing.assert_allclose(two.times, one.times, atol=1e-12)
     np.testing.assert_allclose(two.object_poses, one.object_poses, atol=1e-9)
     assert one.verdict.held and two.verdict.held

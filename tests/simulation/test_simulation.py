@@ -152,16 +152,25 @@ def test_prescribed_joints_press_with_the_planned_forces(plan):
 
 
 @pytest.mark.slow
-def test_meshes_press_as_deep_as_planned():
-    """Hulls of a real hand with its servos, by another collision library, once the object is let go and has shifted."""
+def test_meshes_press_with_the_planned_forces():
+    """Hulls of a real hand with its servos, by another collision library, once the object is let go and has shifted.
+
+    Servos that give way while the hand closes, and objects that move with it, make others.
+    """
     hand = pg.load_hand("hey5", hulls=True)
     conditions = pg.GraspConditions(mu=0.7, friction=pg.Friction(model="cone", safety=1.3))
-    found = find_grasps(hand, pg.Cylinder(radius=0.02, height=0.12, mass=0.2), conditions, count=8)
-    closure = found.best.closure
-    plan = pg.plan_grasp_on(closure.hand, closure, conditions)
-    simulation = simulate(plan, hold=0.3)
-    order = [simulation.parts.index(name) for name in plan.problem.contacts.names]
-    assert simulation.depths[-1][order] == pytest.approx(plan.forces.final_depths, rel=0.02, abs=5e-6)
+    errors = []
+    for seed in range(5):
+        found = find_grasps(
+            hand, pg.Cylinder(radius=0.02, height=0.12, mass=0.2), conditions, count=8, seed=seed, progress=False
+        )
+        closure = found.best.closure
+        plan = pg.plan_grasp_on(closure.hand, closure, conditions)
+        simulation = simulate(plan, hold=0.3, support="fixed", servo=Servo.of(closure.hand))
+        off = np.abs(simulation.normal_forces[-1] - simulation.planned_forces)
+        errors.append(off.max() / simulation.planned_forces.max())
+    # A grasp of many contacts may not settle as foreseen.
+    assert np.median(errors) < 0.02 and sorted(errors)[3] < 0.05, errors
 
 
 # -- disturbances ------------------------------------------------------------------------------------------------------
