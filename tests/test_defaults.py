@@ -13,10 +13,10 @@ import pinograsp as pg
 from pinograsp.carry import plan_carry
 from pinograsp.cases.case import Case
 from pinograsp.cases.object_case import ObjectCase
-from pinograsp.certification.setup import Options as CertifyOptions
 from pinograsp.cli import app
 from pinograsp.motion import MotionSpec
 from pinograsp.simulation.options import SimulationOptions
+from pinograsp.sweep import certify_files
 
 BALL = pg.Sphere(radius=0.03, mass=0.2)
 AROUND = 0.03 * np.array([[1, 0, 0], [-0.5, 0.75**0.5, 0], [-0.5, -(0.75**0.5), 0], [0, 0, -1]])
@@ -57,7 +57,7 @@ def test_the_papers_case_keeps_its_own_limits():
 TAKEN = {
     "plan": {"samples": (pg.find_grasps, "count"), "seed": (pg.find_grasps, "seed"), "wrap": (pg.find_grasps, "wrap")},
     "close": {"samples": (pg.find_grasps, "count"), "seed": (pg.find_grasps, "seed")},
-    "certify": {"tolerance": (CertifyOptions, "tolerance")},
+    "certify": {"tolerance": (certify_files, "tolerance"), "commanded": (certify_files, "commanded")},
     "check": {"hold": (SimulationOptions, "hold"), "time_step": (SimulationOptions, "time_step")},
     "carry": {"intervals": (plan_carry, "intervals"), "reserve": (plan_carry, "reserve")},
 }

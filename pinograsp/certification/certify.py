@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pinograsp.certification.commands import Commands
 from pinograsp.certification.record import Certificates
 from pinograsp.certification.setup import CertifyArguments, Options, prepare
 from pinograsp.certification.verdicts import certify_block
-from pinograsp.checks import array_of, placements_of
+from pinograsp.checks import array_of, instance_of, placements_of
 from pinograsp.contacts.jaw_closing import close_jaws
 from pinograsp.core.threads import share_out
+from pinograsp.errors import InvalidInput
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -40,7 +42,9 @@ class Certifier:
     ):
         self._setup = prepare(hand, body, conditions, Options(**options))
 
-    def __call__(self, postures: ArrayLike, roots: ArrayLike | None = None) -> Certificates:
+    def __call__(
+        self, postures: ArrayLike, roots: ArrayLike | None = None, commands: Commands | None = None
+    ) -> Certificates:
         """The certificates of postures (N, n) with the hand's root at ``roots`` (N, 4, 4), or where the hand is."""
         hand = self._setup.hand
         q = array_of("postures", postures, (None, hand.n))
@@ -48,7 +52,13 @@ class Certifier:
             placed: Array = np.tile(hand.pose, (len(q), 1, 1))
         else:
             placed = placements_of("roots", roots, len(q))
-        return self._certify(q, placed)
+        instance_of("commands", commands, Commands, type(None))
+        if commands is not None and (len(commands), commands.q.shape[2]) != q.shape:
+            raise InvalidInput(
+                f"commands: expected those of {len(q)} grasps by {hand.n} joints, got {len(commands)} by "
+                f"{commands.q.shape[2]}"
+            )
+        return self._certify(q, placed, commands)
 
     def jaws(self, roots: ArrayLike) -> Certificates:
         """The certificates of jaws (a hand of one joint) that close with their root at ``roots`` (N, 4, 4).
@@ -60,13 +70,14 @@ class Certifier:
         q, moved, _ = close_jaws(self._setup.scene, placed)
         return self._certify(q, moved)
 
-    def _certify(self, q: Array, placed: Array) -> Certificates:
+    def _certify(self, q: Array, placed: Array, commands: Commands | None = None) -> Certificates:
         setup, starts = self._setup, range(0, max(len(q), 1), BLOCK)
         if len(starts) > 1:  # whole blocks on threads of their own: what is left in Python takes turns
             setup = replace(setup, options=replace(setup.options, threads=1))
 
         def certify_from(start: int) -> Certificates:
-            return certify_block(setup, q[start : start + BLOCK], placed[start : start + BLOCK])
+            some = slice(start, start + BLOCK)
+            return certify_block(setup, q[some], placed[some], None if commands is None else commands.only(some))
 
         return Certificates.join(share_out(certify_from, starts, self._setup.options.threads))
 
@@ -78,6 +89,7 @@ def certify(
     conditions: GraspConditions,
     *,
     roots: ArrayLike | None = None,
+    commands: Commands | None = None,
     **options: Unpack[CertifyArguments],
 ) -> Certificates:
     """Whether grasps hold ``body``, each by its posture: forces, torques, reserve, or the reason; without any motion.
@@ -89,6 +101,8 @@ def certify(
         conditions: friction, gravity, torque limits and the reserve. A grasp is held where one squeeze holds the weight
             and all that the reserve adds, as :func:`~pinograsp.forces.bulk.elastic.find_offsets` tells.
         roots: oMh, where the hand's root is in the world for each posture (N, 4, 4); None: where the hand is.
+        commands: what the motors are told for each posture, as data sets have it: the second verdict, whether the grasp
+            holds *as commanded*.
         **options: what counts as a contact and as held:
 
             - ``tolerance``: distance from the surface [m] up to which a link touches, outside or inside (2 mm); deeper
@@ -99,10 +113,15 @@ def certify(
               (True); else such grasps are ``RESERVE`` without more ado.
             - ``drives``: whether forces that the hand's drives cannot make together are no grasp (True); ``producible``
               tells it anyway.
+            - ``protocol``: a benchmark of others, whose loads take the place of the weight and the reserve
+              (:data:`~pinograsp.certification.PROTOCOLS`); conditions as :meth:`Protocol.conditions
+              <pinograsp.certification.Protocol.conditions>` has them.
+            - ``commanded``: grasps without ``commands`` are tried with position references that make the torques of
+              their certified forces (False).
             - ``threads``: of the compiled core, which finds touches and forces; one for each core by default.
 
     Raises:
         InvalidInput: shapes that do not go together, a hand without geometry, or conditions that cannot be used.
         ExtraMissing: the compiled core, or for objects that are not convex coacd (extra ``mesh``).
     """
-    return Certifier(hand, body, conditions, **options)(postures, roots)
+    return Certifier(hand, body, conditions, **options)(postures, roots, commands)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -17,6 +17,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceProblem, GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.hands.drives import ratios_of
+from pinograsp.motion.remedies import name_displacement
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, BoolArray, IntArray, tangent_frame
 
@@ -26,6 +27,15 @@ _FRAMES = (
     "at body.pose @ root in the world), in metres: millimetres take scale=0.001; joints are in the order of "
     "hand.joint_names, in radians. Where all that is right, they are rougher than the tolerance"
 )
+# What decides where most grasps have one reason.
+_DECISIVE = {
+    Status.DRIVES: "drives of several joints are taken to share their effort by fixed arms; drives=False (--no-drives) "
+    "leaves what they can make to the column 'producible'",
+    Status.PENETRATES: "a larger tolerance (--tolerance) takes links that are that deep for contacts",
+    Status.NO_CONTACT: "a larger tolerance (--tolerance) takes links that are that far off for contacts",
+    Status.RESERVE: "reserve=None (--no-reserve) asks for the weight alone",
+    Status.TORQUE: "look at the hand's effort limits; torque_limit=None asks without them",
+}
 FAR_OFF = 0.1  # [m] farther off the object nobody asks how far
 # Arrays with an entry for each contact.
 _PADDED = ("links", "points_o", "normals_o", "gaps", "forces_o", "torsion")
@@ -70,6 +80,12 @@ class Certificates:
         residual: of the balance (N,) [N, moments over the contacts' mean distance].
         depth: of the deepest link beyond the tolerance (N,) [m]; negative where no link touches: how far the nearest
             one is off, up to 0.1 m; 0: neither.
+        excess: how far joints were beyond their limits (N, n) [rad or m].
+        commanded: which grasps had commands that were tried (N,).
+        held_as_commanded: which of them the hand holds under all loads, as it is told (N,).
+        moved: how far the object goes, from where it was before the hand closed, at most under any load (N,) [m].
+        turned: likewise (N,) [rad].
+        pressed: normal forces of all links (N, l) [N] after the squeeze as commanded, before any load.
         elapsed: computing time by stage [s].
     """
 
@@ -98,6 +114,12 @@ class Certificates:
     unproducible: Array
     residual: Array
     depth: Array
+    excess: Array
+    commanded: BoolArray
+    held_as_commanded: BoolArray
+    moved: Array
+    turned: Array
+    pressed: Array
     elapsed: dict[str, float]
 
     __repr__ = brief("hand", "object", "elapsed")
@@ -136,6 +158,14 @@ class Certificates:
         return held
 
     @property
+    def possible(self) -> BoolArray:
+        """Which grasps can hold the object (N,): by forces that are certified, or as commanded, where links and fingers
+        settle elsewhere than the posture says.
+        """
+        possible: BoolArray = self.held | self.held_as_commanded
+        return possible
+
+    @property
     def normal_forces(self) -> Array:
         """F_n of each contact (N, k) [N]."""
         forces: Array = np.einsum("nkx,nkx->nk", self.forces_o, self.normals_o)
@@ -150,8 +180,14 @@ class Certificates:
         """How many hold, why the others do not, and the hint."""
         counts = Counter(sorted(self.reason.tolist())).most_common()
         lines = [f"{self.held.sum()} of {len(self)} grasps hold"]
+        if self.commanded.any():
+            lines = [
+                f"{self.possible.sum()} of {len(self)} grasps are possible, {self.held_as_commanded.sum()} of "
+                f"{self.commanded.sum()} hold as commanded"
+            ]
         lines += [f"  {count}: {Status.from_code(code).words}" for code, count in counts]
-        return "\n".join([*lines, *([f"  hint: {self.hint}"] if self.hint else [])])
+        hints = [self.hint, decisive_hint({Status.from_code(code): count for code, count in counts})]
+        return "\n".join([*lines, *(f"  hint: {hint}" for hint in hints if hint)])
 
     def __str__(self) -> str:
         return self.describe()
@@ -166,14 +202,27 @@ class Certificates:
             Status.PENETRATES: f"{1e3 * self.depth[i]:.2g} mm",
             Status.NO_CONTACT: self._off(-float(self.depth[i])),
             Status.FRICTION: f"mu = {self.conditions.mu:g}, {self.least_mu[i]:.2g} is needed",
+            Status.JOINT_LIMIT: self._beyond(i) if reason is Status.JOINT_LIMIT else "",
             Status.TORQUE: f"{self.effort[i]:.2g} times a joint's limit",
             Status.DRIVES: self._drives() if reason is Status.DRIVES else "",
         }.get(reason, "")
-        return f"{reason.words} ({figure})" if figure else reason.words
+        words = f"{reason.words} ({figure})" if figure else reason.words
+        if not self.commanded[i]:
+            return words
+        way = f"{1e3 * self.moved[i]:.2g} mm and {np.degrees(self.turned[i]):.2g} deg"
+        verdict = f"held, the object goes {way}" if self.held_as_commanded[i] else f"lost, after {way}"
+        settled = bool(self.held_as_commanded[i] and not self.held[i])
+        return f"{words}; as commanded: {verdict}{', from where fingers and object settle' * settled}"
 
     def _off(self, gap: float) -> str:
         """How far off the nearest link is."""
         return f"the nearest is {1e3 * gap:.2g} mm off{' or more' * (gap >= FAR_OFF)}" if gap > 0 else ""
+
+    def _beyond(self, i: int) -> str:
+        """Which joint is farthest beyond its limits, and how far."""
+        worst = int(self.excess[i].argmax())
+        joint = self.hand.joint_names[worst]
+        return f"{joint} by {name_displacement(self.hand, joint, float(self.excess[i, worst]))}"
 
     def _number(self, i: int) -> int:
         return integer("number of the grasp", i, at_least=-len(self), at_most=len(self) - 1)
@@ -221,6 +270,19 @@ class Certificates:
     def problem(self, i: int) -> ForceProblem:
         """The force problem of grasp i, without the reserve, as :func:`~pinograsp.forces.optimize_grasp` takes it."""
         return self.conditions.problem(self.object, self.contacts(i))
+
+
+def decisive_hint(counts: Mapping[str, int]) -> str:
+    """What would change the answer, where one reason decides half of the grasps or more; empty where none does.
+
+    ``counts``: of grasps by their reason.
+    """
+    total = sum(counts.values())
+    for reason, way in _DECISIVE.items():
+        count = counts.get(reason, 0)
+        if total >= _FEWEST and count >= 0.5 * total:
+            return f"{count} of {total} grasps are '{reason}': {way}"
+    return ""
 
 
 def placement_hint(reasons: ArrayLike, depths: ArrayLike, what: str = "the object") -> str:

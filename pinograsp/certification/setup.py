@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypedDict
 
 import numpy as np
 
 from pinograsp import defaults
+from pinograsp.certification.protocols import Protocol, find_protocol
 from pinograsp.checks import flag, instance_of, integer, number, read_only
 from pinograsp.contacts.bulk import BulkScene
-from pinograsp.contacts.friction import CONE
+from pinograsp.contacts.commanded import Loading
+from pinograsp.contacts.friction import CONE, SOFT
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import GraspConditions, Reserve
 from pinograsp.forces.bulk.squeeze import Holding
@@ -18,7 +20,10 @@ from pinograsp.hands import HandModel
 from pinograsp.hands.drives import ratios_of
 from pinograsp.motion import effort_of
 from pinograsp.objects.body import Body
+from pinograsp.plan.simulation import MOVED, TURNED
 from pinograsp.spatial import Array, IntArray
+
+_PRESSED = 1.0  # [N] at which contacts are as stiff as springs are taken to be
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,13 +36,17 @@ class Options:
     exact: bool = True
     drives: bool = True
     threads: int | None = None
+    protocol: Protocol | str | None = None
+    commanded: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tolerance", number("tolerance", self.tolerance, at_least=1e-7, unit="m"))
-        for name in ("palm", "patches", "exact", "drives"):
+        for name in ("palm", "patches", "exact", "drives", "commanded"):
             flag(name, getattr(self, name))
         if self.threads is not None:
             object.__setattr__(self, "threads", integer("threads", self.threads, at_least=1))
+        instance_of("protocol", self.protocol, Protocol, str, type(None))
+        object.__setattr__(self, "protocol", find_protocol(self.protocol))
 
 
 class CertifyArguments(TypedDict, total=False):
@@ -49,6 +58,8 @@ class CertifyArguments(TypedDict, total=False):
     exact: bool
     drives: bool
     threads: int | None
+    protocol: Protocol | str | None
+    commanded: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,6 +75,7 @@ class CertifySetup:
         wrenches: that are added to the weight (m, 6) [N, N m].
         holding: the weight, and with what friction it is held.
         ratios: what drives of several joints leave out of their torques (p, n).
+        loading: what grasps that are commanded must withstand.
     """
 
     hand: HandModel
@@ -77,6 +89,7 @@ class CertifySetup:
     wrenches: Array
     holding: Holding
     ratios: Array
+    loading: Loading
 
 
 def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: Options) -> CertifySetup:
@@ -92,9 +105,15 @@ def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: O
         raise InvalidInput("conditions: expected balance='wrench': a free object turns where moments are not balanced")
     if conditions.reserve is not None and conditions.reserve.stiffness_factors:
         raise InvalidInput("conditions: expected a reserve with softer=1 and stiffer=1: servos are not looked at here")
-    reserve = Reserve.none() if conditions.reserve is None else conditions.reserve
-    weight = np.concatenate([body.mass * conditions.gravity_o, np.zeros(3)])
-    wrenches = reserve.load_set(body, conditions.gravity_o).loads - weight
+    protocol = find_protocol(options.protocol)
+    reserve = Reserve.none() if conditions.reserve is None or protocol else conditions.reserve
+    if protocol:  # its programs would take the weight
+        loads = np.pad(protocol.pushes, ((0, 0), (0, 3)))
+        weight, wrenches = loads[0], loads - loads[0]
+        options = replace(options, exact=False)
+    else:
+        weight = np.concatenate([body.mass * conditions.gravity_o, np.zeros(3)])
+        wrenches = reserve.load_set(body, conditions.gravity_o).loads - weight
     law = conditions.compliance
     cap = np.inf if conditions.max_normal_force is None else conditions.max_normal_force
     deepest = float(law.force(conditions.max_depth))
@@ -111,4 +130,28 @@ def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: O
         wrenches=read_only(wrenches[np.abs(wrenches).max(axis=1) > 0]),
         holding=Holding(friction=CONE, mu=conditions.mu, weight=weight, cap=min(cap, deepest)),
         ratios=read_only(np.array([ratio.row for ratio in ratios]).reshape(-1, hand.n)),
+        loading=_loading(conditions, weight, reserve, protocol),
+    )
+
+
+def _loading(conditions: GraspConditions, weight: Array, reserve: Reserve, protocol: Protocol | None) -> Loading:
+    """The loads of a protocol; else the weight, alone and with the reserve's force along each axis."""
+    if protocol:
+        return Loading(
+            loads=np.pad(protocol.pushes, ((0, 0), (0, 3))),
+            distance=protocol.distance,
+            angle=protocol.angle,
+            stiffness=protocol.stiffness,
+            mu=protocol.mu,
+            torsion=protocol.torsion,
+        )
+    axes = np.concatenate([np.zeros((1, 6)), np.eye(6)[:3], -np.eye(6)[:3]])
+    law, friction = conditions.compliance, conditions.friction or SOFT
+    return Loading(
+        loads=weight + reserve.disturbance * np.linalg.norm(weight) * axes[: 7 if reserve.disturbance else 1],
+        distance=MOVED,
+        angle=float(np.radians(TURNED)),
+        stiffness=float(law.slope(law.depth(_PRESSED))),
+        mu=float(np.mean(conditions.mu)),
+        torsion=friction.torsion or SOFT.torsion,
     )

@@ -28,6 +28,7 @@ class PostureTouches:
 
     Attributes:
         beyond: which have a joint beyond its limits (N,).
+        excess: how far joints were beyond their limits (N, n) [rad or m].
         failed: of which the distance from the object could not be computed (N,).
         collision: pair of links that overlap (N,); -1: none.
         gravity_torques: that hold the hand itself (N, n) [N m or N].
@@ -40,6 +41,7 @@ class PostureTouches:
     q: Array
     roots: Array
     beyond: BoolArray
+    excess: Array
     failed: BoolArray
     collision: IntArray
     gravity_torques: Array
@@ -75,7 +77,8 @@ def find_touches(setup: CertifySetup, q: Array, roots: Array) -> PostureTouches:
     """PostureTouches of fingers and palm that can be at once as contacts, one at each corner of an area."""
     hand, options = setup.hand, setup.options
     allowed = _BEYOND * np.where(hand.slides, _LEVER, 1.0)
-    beyond = ((q < hand.lower - allowed) | (q > hand.upper + allowed)).any(axis=1)
+    excess = np.maximum(np.maximum(hand.lower - q, q - hand.upper), 0.0)
+    beyond = (excess > allowed).any(axis=1)
     q = np.clip(q, hand.lower, hand.upper)
     bulk = setup.scene.contacts(
         q, roots, tolerance=options.tolerance, gravity_o=setup.conditions.gravity_o, threads=options.threads
@@ -92,6 +95,7 @@ def find_touches(setup: CertifySetup, q: Array, roots: Array) -> PostureTouches:
         q=q,
         roots=roots,
         beyond=np.asarray(beyond),
+        excess=excess,
         failed=bulk.failed,
         collision=bulk.collision,
         gravity_torques=bulk.gravity_torques,

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+from pinograsp.certification.commands import Commanded, Commands, try_commands, try_torques
 from pinograsp.certification.pressing import Squeezes, find_squeezes
 from pinograsp.certification.record import Certificates
 from pinograsp.certification.setup import CertifySetup
@@ -21,7 +22,7 @@ _NEAR = 1e-9  # of shares: rounding
 _UNMADE = 0.2  # share of the depths that the hand's joints cannot choose: more is not what it makes
 
 
-def certify_block(setup: CertifySetup, q: Array, roots: Array) -> Certificates:
+def certify_block(setup: CertifySetup, q: Array, roots: Array, commands: Commands | None) -> Certificates:
     """The certificates of postures (N, n) with the hand's root at ``roots`` (N, 4, 4)."""
     started = time.perf_counter()
     touches = find_touches(setup, q, roots)
@@ -29,6 +30,17 @@ def certify_block(setup: CertifySetup, q: Array, roots: Array) -> Certificates:
     squeezes, times = find_squeezes(setup, touches)
     unproducible = _unproducible(setup, touches, squeezes)
     producible = (unproducible <= _UNMADE) & ~_beyond_drives(setup, touches, squeezes) & squeezes.weight_held
+    between = time.perf_counter()
+    if commands is not None:
+        commanded = try_commands(setup, commands)
+    elif setup.options.commanded:
+        commanded = try_torques(setup, touches, squeezes, squeezes.weight_held)
+    else:
+        commanded = Commanded.none(setup, len(q))
+    codes = _judge(setup, touches, squeezes, producible)
+    settled = _settle(setup, touches, squeezes, commanded, codes)
+    codes[settled], producible[settled] = Status.HELD.code, True
+    times["commands"] = time.perf_counter() - between
     forces = np.einsum("nkxc,nkc->nkx", touches.rotations, squeezes.local[..., [0, 1, 3]])
     return Certificates(
         hand=setup.hand,
@@ -36,7 +48,7 @@ def certify_block(setup: CertifySetup, q: Array, roots: Array) -> Certificates:
         conditions=setup.conditions,
         q=read_only(touches.q),
         roots=read_only(roots),
-        reason=read_only(_judge(setup, touches, squeezes, producible)),
+        reason=read_only(codes),
         counts=read_only(touches.counts),
         links=read_only(touches.links),
         link_names=tuple(setup.scene.links),
@@ -56,6 +68,12 @@ def certify_block(setup: CertifySetup, q: Array, roots: Array) -> Certificates:
         unproducible=read_only(unproducible),
         residual=read_only(squeezes.residual),
         depth=read_only(touches.depth),
+        excess=read_only(touches.excess),
+        commanded=read_only(commanded.commanded),
+        held_as_commanded=read_only(commanded.held_as_commanded),
+        moved=read_only(commanded.moved),
+        turned=read_only(commanded.turned),
+        pressed=read_only(commanded.pressed),
         elapsed={**elapsed, **times},
     )
 
@@ -79,6 +97,22 @@ def _judge(setup: CertifySetup, touches: PostureTouches, squeezes: Squeezes, pro
     ):
         codes[where] = status.code
     return codes
+
+
+def _settle(
+    setup: CertifySetup, touches: PostureTouches, squeezes: Squeezes, commanded: Commanded, codes: IntArray
+) -> BoolArray:
+    """Which grasps (N,) of those that drives of several joints do not hold at their posture these hold where the links
+    give way along them, until the torques are in the drives' ratio: as commanded, or with their forces' own torques.
+    """
+    adaptive: BoolArray = (codes == Status.DRIVES.code) & bool(len(setup.ratios))
+    held = adaptive & commanded.held_as_commanded
+    left = adaptive & ~held
+    if setup.options.commanded:  # these were tried
+        left &= ~commanded.commanded
+    tried = try_torques(setup, touches, squeezes, left)
+    settled: BoolArray = held | tried.held_as_commanded
+    return settled
 
 
 def _unproducible(setup: CertifySetup, touches: PostureTouches, squeezes: Squeezes) -> Array:

@@ -53,8 +53,8 @@ class MeaningOptions:
     mass: float | None = _files("Of each object \\[kg].")
     density: float | None = _files("Of each object \\[kg/m^3], where --mass is not given.")
 
-    def read(self, files: list[Path], described: HandOptions) -> DataSet:
-        """The files as a data set."""
+    def read(self, files: list[Path], described: HandOptions, mass: float | None) -> DataSet:
+        """The files as a data set; ``mass`` of the objects where none is given [kg]."""
         from pinograsp.checks import one_of
         from pinograsp.data import FORMATS
         from pinograsp.hands import load_hand
@@ -67,7 +67,7 @@ class MeaningOptions:
             hand=load_hand(self.hand, **described.settings()),
             objects=self.objects,
             format=kind,
-            mass=self.mass,
+            mass=mass if self.mass is None and self.density is None else self.mass,
             density=self.density,
             joints=read_pairs("--joint", self.joints) or None,
             frame=self.frame,
@@ -80,22 +80,32 @@ class MeaningOptions:
 class ConditionOptions:
     """What a grasp must hold."""
 
+    protocol: str | None = _condition(
+        "A benchmark of others, whose mass, friction and loads take the place of these.", complete=completion.protocols
+    )
     mu: float = _condition("Friction coefficient.", default=defaults.MU)
-    tolerance: float = _condition(
-        "Distance at which a link touches, outside or inside \\[m].", default=defaults.TOUCHES
+    tolerance: float | None = _condition(
+        f"Distance at which a link touches, outside or inside \\[m]; {defaults.TOUCHES:g}, or the protocol's."
     )
     gravity: tuple[float, float, float] = _condition(
         "In the object's frame, or its file's world \\[m/s^2].", default=defaults.GRAVITY, metavar="X Y Z"
     )
     reserve: bool = _condition("Ask for the reserve besides the weight.", default=True)
     drives: bool = _condition("Ask for forces that the hand's drives can make; the table has it anyway.", default=True)
+    commanded: bool = _condition(
+        "Try grasps as commanded where the files have no commands, too: by references that make the certified torques.",
+        default=False,
+    )
 
     def read(self) -> GraspConditions:
         """The conditions of the forces."""
         import numpy as np
 
+        from pinograsp.certification.protocols import find_protocol
         from pinograsp.forces import GraspConditions, Reserve
 
+        if (protocol := find_protocol(self.protocol)) is not None:
+            return protocol.conditions()
         reserve = Reserve() if self.reserve else None
         return GraspConditions(mu=self.mu, gravity_o=np.array(self.gravity), reserve=reserve)
 
@@ -129,14 +139,21 @@ def certify(
 
     With your data set's files in place; --back DIR writes them again, with newtons. In a job array: --shard I/N.
     """
+    from pinograsp.certification.protocols import find_protocol
     from pinograsp.sweep import certify_files, find_missing_grasps, written_back
     from pinograsp.viz.certified import certified_picture
 
     out, back = results.out, results.back
     if out.resolve() in [path.resolve() for path in (meaning.objects, back) if path is not None]:
         raise InvalidInput("--out: expected a folder of its own")
-    data = meaning.read(files, described)
-    asked: dict[str, Any] = {"tolerance": conditions.tolerance, "drives": conditions.drives}
+    protocol = find_protocol(conditions.protocol)
+    data = meaning.read(files, described, None if protocol is None else protocol.mass)
+    asked: dict[str, Any] = {
+        "tolerance": conditions.tolerance,
+        "drives": conditions.drives,
+        "protocol": protocol,
+        "commanded": conditions.commanded,
+    }
     if workers.missing:
         tell_missing(find_missing_grasps(data, out, conditions.read(), shard=workers.shard, **asked), out, session)
     if workers.shard is not None and (back is not None or results.picture is not None):
@@ -171,6 +188,8 @@ def _list_files(paths: list[Path]) -> list[Path]:
 
 
 def _print(done: Certified, written: list[Path], unwritten: dict[str, str], shard: str) -> None:
+    from pinograsp.certification import decisive_hint
+
     words = {str(status): status.words for status in Status if status.code >= 0}
     rows = [
         (reason, str(count), f"{100 * count / done.rows:.1f} %", words[reason])
@@ -180,6 +199,8 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str], shar
     print_table({"reason": {}, "grasps": RIGHT, "share": RIGHT, "": {}}, rows)
     facts = [("again", f"{len(done.changed)} files, which had changed or their objects: {', '.join(done.changed)}")]
     facts = facts if done.changed else []
+    if hint := decisive_hint(done.counts):
+        facts.append(("look at", hint))
     facts += [("not used", f"{file}: {message}") for file, message in list(done.faults.items())[:_SHOWN]]
     if len(done.faults) > _SHOWN:
         facts.append(("not used", f"{len(done.faults) - _SHOWN} more files, see the rows 'refused'"))
@@ -190,13 +211,17 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str], shar
     screen = console()
     for line in list_facts(facts, 3):
         screen.print(line, style="yellow", soft_wrap=True)
-    holding = done.counts.get("held", 0)
+    holding, verdicts = done.counts.get("held", 0), done.verdicts
     left = "; some are left: the same command continues" if done.interrupted else ""
     answers = [
         ("What holds?", f"{holding} of {done.rows} grasps{shard}, {done.elapsed:.1f} s{left}"),
         ("Results", f"{done.folder}, rows as Parquet files"),
         ("Next", f"in Python: pinograsp.sweep.read_certified({str(done.folder)!r})"),
     ]
+    if verdicts["commanded"]:
+        held = f"{verdicts['held_as_commanded']} of {verdicts['commanded']}"
+        answers.insert(1, ("Possible", f"{verdicts['possible']} of {done.rows}, these or as commanded"))
+        answers.insert(2, ("As commanded", f"{held} hold under all loads: column held_as_commanded"))
     if written:
         answers.insert(2, ("With newtons", f"{len(written)} files in {written[0].parent}"))
-    show([], answers, level="yes" if holding else "no")
+    show([], answers, level="yes" if verdicts["possible"] else "no")

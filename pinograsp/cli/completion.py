@@ -96,6 +96,13 @@ def conventions(incomplete: str) -> list[str]:
     return make_completer(CONVENTIONS)(incomplete)
 
 
+def protocols(incomplete: str) -> list[str]:
+    """Benchmarks whose loads grasps can be certified with."""
+    from pinograsp.certification import PROTOCOLS
+
+    return make_completer(PROTOCOLS)(incomplete)
+
+
 def _find_folders(name: str, incomplete: str) -> Iterator[str]:
     """Folders that hold a file of that name: those here, those in a folder here, and those where the text points to."""
     there = glob.escape(os.path.dirname(incomplete))

@@ -124,10 +124,10 @@ def joint_axes(
     """
     instance_of("hand", hand, HandModel)
     names = hand.joint_names if joints is None else tuple(items_of("joints", joints, str))
-    q = np.array(hand.resting)
+    q, all_names = np.array(hand.resting), hand.joint_names
     given = {name: number(f"at: '{name}'", one) for name, one in mapping_of("at", {} if at is None else at).items()}
     for name, value in {**given, **dict.fromkeys(names, 0.0)}.items():
-        q[hand.joint_names.index(one_of(f"joint of hand '{hand.name}'", name, hand.joint_names))] = value
+        q[all_names.index(one_of(f"joint of hand '{hand.name}'", name, all_names))] = value
     model = hand.model
     data = model.createData()
     pin.computeJointJacobians(model, data, q)

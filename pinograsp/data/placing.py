@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -68,12 +69,13 @@ def place_hand(
     given = _check_given(rows, hand, at)
     q = _positions(rows, hand, match, given)
     resting = {name: float(values[0]) for name, values in given.items() if len(values)}
-    pairs = [pair for pair in match.pairs if pair[1] in hand.joint_names]
+    names = hand.joint_names
+    pairs = [pair for pair in match.pairs if pair[1] in names]
     laid = _lay_axes(hand, pairs, match, resting)
     root = _root(rows, hand, laid, frame, palm_in_root, known, resting)
     if laid is not None:
         for (_, name), sign in zip(pairs, laid.signs):
-            q[:, hand.joint_names.index(name)] *= sign
+            q[:, names.index(name)] *= sign
     poses = np.array(rows.poses)
     kind = FORMATS.get(rows.format)
     if kind is not None and kind.reach in rows.labels:
@@ -205,27 +207,27 @@ def _positions(rows: GraspRows, hand: HandModel, match: _Match, given: dict[str,
             f"rows: hand '{hand.name}' has no joint for {', '.join(left[:8])} of the file, which move: give "
             f"joints={{file's: hand's}} (the hand has {', '.join(hand.joint_names[:30])})"
         )
-    q = np.tile(hand.resting, (rows.n, 1))
+    q, names = np.tile(hand.resting, (rows.n, 1)), hand.joint_names
     missing = []
     of_fingers = {name for finger in hand.fingers for name in finger.actuated}
     targets = set(paired.values())
-    for i, name in enumerate(hand.joint_names):
+    for i, name in enumerate(names):
         if name in given:
             q[:, i] = given[name]
         elif name not in targets and name in of_fingers:
             missing.append(name)
     for name, target in match.pairs:
-        if target in hand.joint_names:
-            q[:, hand.joint_names.index(target)] = columns[name]
+        if target in names:
+            q[:, names.index(target)] = columns[name]
     if missing and rows.widths is not None and _is_panda(hand) and len(missing) == 1:
-        q[:, hand.joint_names.index(missing.pop())] = rows.widths / 2
+        q[:, names.index(missing.pop())] = rows.widths / 2
     if missing:
         raise InvalidInput(
             f"rows: the file gives no position of {', '.join(missing[:8])} of hand '{hand.name}': give joints= for "
             "joints of other names, or at= for their positions"
         )
     for name, target in match.pairs:
-        if target not in hand.joint_names:
+        if target not in names:
             _check_coupled(hand, name, target, columns, {one: file for file, one in match.pairs})
     return q
 
@@ -255,8 +257,15 @@ def _lay_axes(
             f"joints: expected at least three joints of hand '{hand.name}' that the file has, got "
             f"{len(pairs)}: the file has {', '.join(match.file[:30])}; give joints={{file's: hand's}}"
         )
-    ours = joint_axes(hand, [target for _, target in pairs], resting)
-    laid = alignment(ours, match.axes.choose([name for name, _ in pairs]))
+    theirs = match.axes.choose([name for name, _ in pairs])
+    slides = b"" if theirs.slides is None else theirs.slides.tobytes()
+    laid = _lay(
+        hand,
+        tuple(target for _, target in pairs),
+        tuple(resting.items()),
+        theirs.names,
+        theirs.origins.tobytes() + theirs.directions.tobytes() + slides,
+    )
     if laid.residual > _ALIKE:
         here, there = laid.worst
         raise InvalidInput(
@@ -264,6 +273,22 @@ def _lay_axes(
             f"{1e3 * laid.residual:.1f} mm, most at '{here}' ('{there}' of the file); give original=, or joints="
         )
     return laid
+
+
+@lru_cache(maxsize=8)  # the same for all files of a data set
+def _lay(
+    hand: HandModel,
+    joints: tuple[str, ...],
+    resting: tuple[tuple[str, float], ...],
+    names: tuple[str, ...],
+    numbers: bytes,
+) -> Alignment:
+    """Axes of others laid on those of a hand's ``joints``; ``numbers``: origins, directions, and which slide."""
+    count = 48 * len(names)
+    origins, directions = np.frombuffer(numbers[:count]).reshape(2, -1, 3)
+    slides = np.frombuffer(numbers[count:], dtype=bool) if len(numbers) > count else None
+    theirs = JointAxes(names=names, origins=origins, directions=directions, slides=slides)
+    return alignment(joint_axes(hand, joints, dict(resting)), theirs)
 
 
 def _root(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinograsp import defaults
+from pinograsp.certification.protocols import Protocol, find_protocol
 from pinograsp.checks import brief, flag, instance_of, items_of, number, one_of, path_of
 from pinograsp.data import FORMATS, join_rows, read_grasps, write_grasps
 from pinograsp.errors import ExtraMissing, GraspsNotRead, InvalidInput, Status
@@ -44,6 +45,7 @@ class Certified:
         folder: that holds the rows.
         rows: number of grasps in the folder, those of earlier runs included; of a shard: that it has certified itself.
         counts: number of these grasps by reason, and of faults.
+        verdicts: number of these grasps that are ``possible``, that were ``commanded``, and ``held_as_commanded``.
         faults: what could not be read or used, ``{file: message}``.
         hints: objects whose grasps are nearly all misplaced, and what to look at, ``{object: hint}``.
         changed: files with rows in the folder whose content, or whose object's, has changed since: certified again.
@@ -54,6 +56,7 @@ class Certified:
     folder: Path
     rows: int
     counts: dict[str, int]
+    verdicts: dict[str, int]
     faults: dict[str, str]
     hints: dict[str, str]
     interrupted: bool
@@ -71,6 +74,7 @@ class Certified:
         return {
             "rows": self.rows,
             "counts": dict(self.counts),
+            "verdicts": dict(self.verdicts),
             "faults": dict(self.faults),
             "hints": dict(self.hints),
             "changed": list(self.changed),
@@ -139,8 +143,10 @@ def certify_files(
     folder: str | Path,
     conditions: GraspConditions,
     *,
-    tolerance: float = defaults.TOUCHES,
+    tolerance: float | None = None,
     drives: bool = True,
+    protocol: Protocol | str | None = None,
+    commanded: bool = False,
     jobs: int = -1,
     executor: Executor = "joblib",
     scheduler: str | None = None,
@@ -161,8 +167,10 @@ def certify_files(
         data: the files, their hand and their objects.
         folder: for the rows, as Parquet files; a new folder, or one of this certification.
         conditions: as for :func:`~pinograsp.certification.certify`.
-        tolerance: likewise [m].
+        tolerance: likewise [m]; None: 2 mm, or the protocol's.
         drives: likewise.
+        protocol: likewise.
+        commanded: likewise; what files command themselves is tried in any case.
         jobs: processes; -1: all cores; 1: this process.
         executor: ``"joblib"``, or ``"dask"``, whose workers need this package, and the objects at the same paths.
         scheduler: address of a Dask scheduler, such as ``"tcp://10.0.0.1:8786"``.
@@ -178,7 +186,7 @@ def certify_files(
     """
     started = time.perf_counter()
     runner = Runner(jobs=jobs, executor=executor, scheduler=scheduler, progress=progress)
-    opened, payload = _open(data, folder, conditions, tolerance, drives, Shard.of(shard))
+    opened, payload = _open(data, folder, conditions, tolerance, drives, protocol, commanded, Shard.of(shard))
     with opened as rows:
         interrupted = runner.run(
             certified_block,
@@ -191,6 +199,7 @@ def certify_files(
             folder=Path(folder),
             rows=sum(rows.counts.values()) - rows.counts[REFUSED],
             counts=dict(rows.counts),
+            verdicts=dict(rows.verdicts),
             faults=rows.faults,
             hints=rows.hints,
             changed=rows.changed,
@@ -204,8 +213,10 @@ def find_missing_grasps(
     folder: str | Path,
     conditions: GraspConditions,
     *,
-    tolerance: float = defaults.TOUCHES,
+    tolerance: float | None = None,
     drives: bool = True,
+    protocol: Protocol | str | None = None,
+    commanded: bool = False,
     shard: tuple[int, int] | str | None = None,
 ) -> Missing:
     """The grasps that :func:`certify_files` would certify with these arguments; the fault of a file counts as one.
@@ -215,7 +226,7 @@ def find_missing_grasps(
     Raises:
         InvalidInput, ResultsNotWritten, ExtraMissing: as of :func:`certify_files`.
     """
-    rows, _ = _open(data, folder, conditions, tolerance, drives, Shard.of(shard), look=True)
+    rows, _ = _open(data, folder, conditions, tolerance, drives, protocol, commanded, Shard.of(shard), look=True)
     missing, deals = 0, {count: rows.deal_to(count) for count in rows.list_counts()}
     shards: dict[int, set[int]] = {count: set() for count in deals}
     for left in rows.list_left(data.format):
@@ -237,7 +248,7 @@ def read_certified(folder: str | Path) -> pa.Table:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    table = pa.concat_tables([schema_of().empty_table(), *tables])
+    table = pa.concat_tables([schema_of().empty_table(), *tables], promote_options="default")
     number = table["row"]
     place = table.column_names.index("row")
     table = table.set_column(place, "row", pc.max_element_wise(number, -1)).append_column("number", number)
@@ -299,17 +310,33 @@ def _open(
     data: DataSet,
     folder: str | Path,
     conditions: GraspConditions,
-    tolerance: float,
+    tolerance: float | None,
     drives: bool,
+    protocol: Protocol | str | None,
+    commanded: bool,
     shard: Shard,
     look: bool = False,
 ) -> tuple[CertifiedRows, bytes]:
     """The rows that are there, and what all blocks have in common, for their workers."""
     instance_of("data", data, DataSet)
     instance_of("conditions", conditions, GraspConditions)
-    tolerance = number("tolerance", tolerance, above=0, unit="m")
     flag("drives", drives)
-    prepared = Prepared(data.hand, data.objects, data.mass, data.density, conditions, tolerance, bool(drives))
+    flag("commanded", commanded)
+    protocol = find_protocol(protocol)
+    if tolerance is None:
+        tolerance = defaults.TOUCHES if protocol is None else protocol.tolerance
+    tolerance = number("tolerance", tolerance, above=0, unit="m")
+    prepared = Prepared(
+        hand=data.hand,
+        objects=data.objects,
+        mass=data.mass,
+        density=data.density,
+        conditions=conditions,
+        tolerance=tolerance,
+        drives=bool(drives),
+        protocol=protocol,
+        commanded=bool(commanded),
+    )
     settings = {
         "files": [str(one) for one in data.files],
         "format": data.format,
@@ -320,6 +347,8 @@ def _open(
         **{name: plain(value) for name, value in data.meant.items() if value is not None},
         "tolerance": tolerance,
         "drives": bool(drives),
+        "protocol": None if protocol is None else protocol.name,
+        "commanded": bool(commanded),
     }
     files = tuple(data.files)
     rows = CertifiedRows(path_of("folder", folder), settings, files, Inputs(data.objects), shard, look)

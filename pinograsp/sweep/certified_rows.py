@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pinograsp.certification import Certifier
+from pinograsp.certification import Certifier, Commands, Protocol
 from pinograsp.checks import one_line
 from pinograsp.data import GraspRows, place_hand
 from pinograsp.errors import ExtraMissing, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.objects.lookup import object_in
-from pinograsp.spatial import IntArray
+from pinograsp.spatial import Array, IntArray
 from pinograsp.sweep.certified_table import Block, Fault, RowSource, certified_table, refused_table
 from pinograsp.words import printable
 
@@ -37,6 +37,8 @@ class Prepared(NamedTuple):
     conditions: GraspConditions
     tolerance: float
     drives: bool
+    protocol: Protocol | None
+    commanded: bool
 
 
 def place_block(grasps: GraspRows, rows: IntArray, hand: HandModel, **meant: Any) -> Block:
@@ -54,6 +56,7 @@ def place_block(grasps: GraspRows, rows: IntArray, hand: HandModel, **meant: Any
     closing = hand.n == 1 and not grasps.q.shape[1]
     at = {hand.joint_names[0]: float(hand.resting[0])} if closing else None
     poses, q = place_hand(grasps, hand, at=at, **meant)
+    stages = None if grasps.squeeze_q is None or closing else _commanded(grasps, hand, (poses, q), meant)
     return Block(
         rows=rows,
         object_name=object_named(grasps),
@@ -62,7 +65,17 @@ def place_block(grasps: GraspRows, rows: IntArray, hand: HandModel, **meant: Any
         poses=poses,
         q=None if closing else q,
         labels={name: np.asarray(values) for name, values in grasps.labels.items()},
+        commanded_poses=None if stages is None else np.stack([poses for poses, _ in stages], axis=1),
+        commanded_q=None if stages is None else np.stack([q for _, q in stages], axis=1),
     )
+
+
+def _commanded(
+    grasps: GraspRows, hand: HandModel, placed: tuple[Array, Array], meant: dict[str, Any]
+) -> list[tuple[Array, Array]]:
+    """What a file commands, before the grasp, in it, where it is ``placed``, and after: poses (N, 4, 4), q (N, n)."""
+    before = [] if grasps.pregrasp_q is None else [place_hand(grasps.at("pregrasp"), hand, **meant)]
+    return [*before, placed, place_hand(grasps.at("squeeze"), hand, **meant)]
 
 
 def object_named(rows: GraspRows) -> str:
@@ -82,7 +95,10 @@ def certified_block(payload: bytes, source: RowSource, block: Block | Fault) -> 
         object_is = block.object_name, source.object_content, block.scale, block.object_pose.tobytes()
         certifier = _certifier(payload, *object_is)
         roots = block.object_pose @ block.poses
-        found = certifier.jaws(roots) if block.q is None else certifier(block.q, roots)
+        commands = None
+        if block.commanded_q is not None and block.commanded_poses is not None:
+            commands = Commands(block.commanded_q, block.object_pose @ block.commanded_poses)
+        found = certifier.jaws(roots) if block.q is None else certifier(block.q, roots, commands)
     except ExtraMissing:
         raise
     except Exception as error:  # one file must not end the certification of the others
@@ -101,7 +117,16 @@ def _certifier(payload: bytes, name: str, content: str, scale: float, pose: byte
     given = _load(payload)
     body = object_in(given.objects, name, scale=scale, mass=given.mass, density=given.density)
     body = body.placed(np.frombuffer(pose).reshape(4, 4) @ body.pose)
-    return Certifier(given.hand, body, given.conditions, tolerance=given.tolerance, drives=given.drives, threads=1)
+    return Certifier(
+        given.hand,
+        body,
+        given.conditions,
+        tolerance=given.tolerance,
+        drives=given.drives,
+        protocol=given.protocol,
+        commanded=given.commanded,
+        threads=1,
+    )
 
 
 @functools.lru_cache(maxsize=1)

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 WORK = Work("pinograsp.certified/1", "certification", "certify")
-_COUNTED = ("file", "row", "message", "object", "code", "depth_m", "inputs")
+_VERDICTS = ("possible", "held_as_commanded")
+_COUNTED = ("file", "row", "message", "object", "code", "depth_m", "inputs", *_VERDICTS)
 _SOURCE = ("file", "object", "inputs")
 _BLOCK = 512  # grasps at once: half a second of work
 
@@ -45,6 +46,7 @@ class CertifiedRows(Parts):
         inputs: contents of the files that rows are of.
         changed: files whose rows were of another content, and are removed.
         counts: number of rows by reason; of a shard: of those that it has computed itself.
+        verdicts: likewise of those that are possible, that were commanded, and that hold as commanded.
         total: number of rows, and of faults of files, that :meth:`list_left` has come by.
     """
 
@@ -55,6 +57,7 @@ class CertifiedRows(Parts):
         self.files, self.inputs, self.total = files, inputs, 0
         self.deal = self.deal_to(shard.count)
         self.counts: Counter[str] = Counter()
+        self.verdicts = dict.fromkeys(("possible", "commanded", "held_as_commanded"), 0)
         self._faults: dict[str, dict[int, str]] = defaultdict(dict)
         self._have: dict[str, BoolArray] = {}
         self._placing: dict[str, list[tuple[IntArray, Array]]] = defaultdict(list)
@@ -88,6 +91,8 @@ class CertifiedRows(Parts):
 
     def count(self, table: pa.Table, path: Path) -> None:
         """Note which rows are there, and what they say."""
+        import pyarrow.compute as pc
+
         table = table.filter(self._find_current(table))
         files = table["file"].combine_chunks().dictionary_encode()
         which, rows, codes = files.indices.to_numpy(), table["row"].to_numpy(), table["code"].to_numpy()
@@ -102,6 +107,10 @@ class CertifiedRows(Parts):
             if len(new) and (self.shard.count == 1 or path.parent == self.own):
                 for code, number in zip(*np.unique(codes[new], return_counts=True)):
                     self.counts[str(Status.from_code(int(code)))] += int(number)
+                told = {name: table[name].take(new) for name in _VERDICTS}
+                for verdict, values in told.items():
+                    self.verdicts[verdict] += pc.sum(values).as_py() or 0
+                self.verdicts["commanded"] += len(new) - told["held_as_commanded"].null_count
                 name = table["object"][int(new[0])].as_py()
                 self._placing[name].append((codes[new], table["depth_m"].to_numpy()[new]))
         if self._faults:

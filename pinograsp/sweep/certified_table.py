@@ -49,6 +49,11 @@ def schema_of() -> pa.Schema:
             ("unproducible", real),
             ("depth_m", real),
             ("residual_N", real),
+            ("possible", pa.bool_()),
+            ("held_as_commanded", pa.bool_()),
+            ("moved_m", real),
+            ("turned_rad", real),
+            ("pressed_N", numbers),
             ("labels", text),
             ("inputs", text),
         ]
@@ -65,6 +70,8 @@ class Block(NamedTuple):
         object_pose: oMb (4, 4), of the object in a world whose gravity is meant.
         poses: bMh (N, 4, 4), of the hand's root in the object's frame.
         q: positions of the joints (N, n); None: of jaws that are to close.
+        commanded_poses, commanded_q: likewise before the grasp, in it and as commanded (N, s, 4, 4), (N, s, n); None:
+            the file does not say what is commanded.
         labels: the file's own numbers of each, {name: (N,)}.
     """
 
@@ -75,6 +82,8 @@ class Block(NamedTuple):
     poses: Array
     q: Array | None
     labels: dict[str, Array]
+    commanded_poses: Array | None = None
+    commanded_q: Array | None = None
 
 
 class RowSource(NamedTuple):
@@ -165,6 +174,11 @@ def certified_table(source: RowSource, block: Block, found: Certificates) -> pa.
         "unproducible": found.unproducible,
         "depth_m": found.depth,
         "residual_N": found.residual,
+        "possible": found.possible,
+        "held_as_commanded": pa.array(found.held_as_commanded, mask=~found.commanded),
+        "moved_m": pa.array(found.moved, mask=~found.commanded),
+        "turned_rad": pa.array(found.turned, mask=~found.commanded),
+        "pressed_N": _rows(found.pressed),
         "labels": [
             json.dumps({name: np.asarray(values[i]).tolist() for name, values in block.labels.items()})
             for i in range(count)

@@ -94,6 +94,30 @@ def test_rows_are_those_of_one_call(world, tmp_path):
 
 
 @pytest.mark.slow
+def test_what_files_command_is_a_second_verdict(world, tmp_path):
+    """The postures of a file and those that it commands, with another benchmark's loads."""
+    found, hand = world["expected"], world["hand"]
+    rows = next(read_grasps(world["files"][0]))
+    kept = np.flatnonzero(found.held[: rows.n])
+    gains = pg.hands.servo_gains(hand)
+    harder = np.array(rows.q[kept]) + 3 * found.torques[kept] / gains + 0.05 * np.sign(found.torques[kept])
+    given = {"joint_names": rows.joint_names, "squeeze_q": harder, "squeeze_poses": rows.poses[kept]}
+    given |= {"pregrasp_q": rows.q[kept], "pregrasp_poses": rows.poses[kept]}
+    path = write_grasps(tmp_path / "told.npy", rows_of(hand, rows.poses[kept], rows.q[kept], **given))
+    asked = {"jobs": 1, "progress": False, "protocol": "dexgraspbench"}
+    done = certify_files(data_of(world, [path], density=None, mass=0.1), tmp_path / "out", CONDITIONS, **asked)
+    table = done.table()
+    held = table["held_as_commanded"].to_numpy(zero_copy_only=False)
+    assert done.verdicts["commanded"] == len(kept) and done.verdicts["held_as_commanded"] == held.sum() > 0.7 * len(
+        kept
+    )
+    assert done.verdicts["possible"] == table["possible"].to_numpy(zero_copy_only=False).sum() >= held.sum()
+    assert all("as commanded" in message for message in table["message"].to_pylist())
+    untold = certify_files(data_of(world), tmp_path / "untold", CONDITIONS, jobs=1, progress=False)
+    assert untold.verdicts["commanded"] == 0 and untold.table()["moved_m"].null_count == 30
+
+
+@pytest.mark.slow
 def test_objects_whose_grasps_are_all_misplaced_come_with_a_hint(world, tmp_path):
     """As if the file counted from somewhere 60 mm off; said in Python, on the screen, in JSON, and by the second run."""
     from typer.testing import CliRunner

@@ -456,16 +456,6 @@ void array_of(nb::class_<Setup>& record, const char* name, std::vector<double> S
 
 Triple triple_of(const double* values) { return {values[0], values[1], values[2]}; }
 
-// A homogeneous placement (4, 4).
-Frame frame_at(const double* own) {
-    Frame found;
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) found.R[3 * i + j] = own[4 * i + j];
-        found.t[i] = own[4 * i + 3];
-    }
-    return found;
-}
-
 Frame frame_of(const Numbers& values) { return frame_at(finite(values, 16, "frame")); }
 
 std::vector<Triple> triples_of(const Numbers& values, const char* what) {
@@ -544,6 +534,20 @@ Body surface_of(const Numbers& triangles) {
     return Body(std::move(pieces));
 }
 
+// The object of what is given, and its contacts with a number of parts.
+template <class Given>
+Grasped grasped_of(const Given& given, std::size_t parts) {
+    need_number(given.mass, true, "mass"), need_number(given.mu, false, "mu");
+    need_number(given.torsion, false, "torsion");
+    Grasped found;
+    found.mass = given.mass, found.mu = given.mu, found.torsion = given.torsion;
+    const double* own = finite(given.object, 15, "object");
+    std::copy_n(own, 9, found.inertia.begin());
+    found.centre = triple_of(own + 9), found.gravity = triple_of(own + 12);
+    found.stiffness = finite(given.stiffness, parts, "stiffness");
+    return found;
+}
+
 // How a hand closes, as pinograsp.contacts.bulk has it: commands (3, rows, n), gains (6, n), steps (4), and the
 // object's inertia (3, 3), centre and gravity (5, 3).
 struct ClosingGiven {
@@ -571,13 +575,35 @@ struct ClosingGiven {
     }
 
     Grasped grasped(std::size_t parts) const {
-        need_number(mass, true, "mass"), need_number(mu, false, "mu"), need_number(torsion, false, "torsion");
-        Grasped found;
-        found.mass = mass, found.mu = mu, found.torsion = torsion, found.on_table = on_table;
-        const double* own = finite(object, 15, "object");
-        std::copy_n(own, 9, found.inertia.begin());
-        found.centre = triple_of(own + 9), found.gravity = triple_of(own + 12);
-        found.stiffness = finite(stiffness, parts, "stiffness"), found.root = frame_of(root);
+        Grasped found = grasped_of(*this, parts);
+        found.on_table = on_table, found.root = frame_of(root);
+        return found;
+    }
+};
+
+// How hands are told to hold an object: motors of joints (m, n), their gains (3, m), joints (4, n), steps (2), the
+// object as in `ClosingGiven`, loads (l, 6).
+struct CommandGiven {
+    Numbers arms, gains, joints, object, stiffness, loads, bounds;
+    Indices steps;
+    double step, loaded, mass, mu, torsion;
+
+    std::size_t motors() const { return gains.size() / 3; }
+
+    ClosingCourse course(std::size_t n) const {
+        ClosingCourse found;
+        const std::size_t m = motors();
+        need(gains.size() == 3 * m && arms.size() == m * n && joints.size() == 4 * n, "arms, gains, joints");
+        need(steps.size() == 2, "steps");
+        for (int i = 0; i < 2; ++i) need(steps.data()[i] >= 0 && steps.data()[i] <= 100000, "steps");
+        need_number(step, true, "step"), need_number(loaded, true, "loaded");
+        found.step = step, found.loaded = loaded, found.elliptic = true, found.motors = static_cast<int>(m);
+        found.complete = static_cast<int>(steps.data()[0]), found.steps = static_cast<int>(steps.data()[1]);
+        found.arms = finite(arms, m * n, "arms");
+        found.soft = found.stiff = gains.data(), found.soft_damping = found.damping = gains.data() + m;
+        found.limit = gains.data() + 2 * m;
+        found.inertia = joints.data(), found.passive = found.inertia + n, found.lower = found.inertia + 2 * n,
+        found.upper = found.inertia + 3 * n;
         return found;
     }
 };
@@ -664,6 +690,34 @@ struct Scene {
     }
 
     // Closes the hand on the object at places (N, 4, 4) away from where it is planned; fills outcomes (N, 5).
+    // Grasps of motors that are told `targets` (N, rows, m) from joints `start` (N, n), roots at (N, rows, 4, 4):
+    // `farthest` (N, l, 2) and `pressed` (N, p), see Closer::command.
+    void command(const CommandGiven& given, Numbers targets, Numbers start, Numbers roots, Written farthest,
+                 Written pressed) const {
+        const std::size_t n = own.inputs, m = given.motors(), p = own.parts.size(), l = given.loads.size() / 6;
+        need(n > 0 && m > 0 && start.size() % n == 0, "start, gains");
+        const std::size_t count = start.size() / n, rows = count ? targets.size() / (count * m) : 0;
+        need(targets.size() == count * rows * m && roots.size() == count * rows * 16 && (rows > 0 || count == 0),
+             "targets, roots");
+        need(farthest.size() == count * l * 2 && pressed.size() == count * p, "farthest, pressed");
+        finite(targets, targets.size(), "targets"), finite(start, start.size(), "start");
+        finite(roots, roots.size(), "roots");
+        need(!own.solids.empty() && !own.hull.empty(), "solids, hull");
+        const double *loads = finite(given.loads, 6 * l, "loads"), *bounds = finite(given.bounds, 2, "bounds");
+        ClosingCourse course = given.course(n);
+        const Grasped grasped = grasped_of(given, p);
+        const std::vector<double> still(rows * m, 0.0);
+        course.rows = rows, course.dq = course.effort = still.data();
+        nb::gil_scoped_release released;
+        Closer closer(own, course, grasped);
+        for (std::size_t i = 0; i < count; ++i) {
+            course.q = targets.data() + i * rows * m, course.start = start.data() + i * n;
+            course.roots = roots.data() + i * rows * 16;
+            closer.command(loads, static_cast<int>(l), {bounds[0], bounds[1]}, farthest.data() + i * l * 2,
+                           pressed.data() + i * p);
+        }
+    }
+
     void close(const ClosingGiven& given, Numbers places, Written outcomes) const {
         const std::size_t n = own.inputs, count = places.size() / 16;
         need(places.size() == 16 * count && outcomes.size() == 5 * count, "places, outcomes");
@@ -870,6 +924,17 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
             },
             nb::kw_only(), "commands"_a, "gains"_a, "object"_a, "stiffness"_a, "root"_a, "steps"_a, "step"_a, "mass"_a,
             "mu"_a, "torsion"_a, "on_table"_a);
+    nb::class_<CommandGiven>(m, "CommandGiven")
+        .def(
+            "__init__",
+            [](CommandGiven* own, Numbers arms, Numbers gains, Numbers joints, Numbers object, Numbers stiffness,
+               Numbers loads, Numbers bounds, Indices steps, double step, double loaded, double mass, double mu,
+               double torsion) {
+                new (own) CommandGiven{arms,  gains, joints, object, stiffness, loads,  bounds,
+                                       steps, step,  loaded, mass,   mu,        torsion};
+            },
+            nb::kw_only(), "arms"_a, "gains"_a, "joints"_a, "object"_a, "stiffness"_a, "loads"_a, "bounds"_a, "steps"_a,
+            "step"_a, "loaded"_a, "mass"_a, "mu"_a, "torsion"_a);
     nb::class_<Scene>(m, "Scene")
         .def(nb::init<std::int64_t, Numbers, Numbers>(), "inputs"_a, "root"_a, "object_pose"_a)
         .def("add_joint", &Scene::add_joint, "parent"_a, "input"_a, "frame"_a, "screw"_a, "mass"_a, "moment"_a)
@@ -881,7 +946,8 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         .def("touch", &Scene::touch, "q"_a, "roots"_a, nb::kw_only(), "tolerance"_a, "lean"_a, "gravity"_a)
         .def("gaps", &Scene::gaps, "q"_a, "roots"_a, "parts"_a, "reach"_a, "gaps"_a)
         .def("place", &Scene::place, "q"_a, "roots"_a, "placed"_a)
-        .def("close", &Scene::close, "given"_a, "places"_a, "outcomes"_a);
+        .def("close", &Scene::close, "given"_a, "places"_a, "outcomes"_a)
+        .def("command", &Scene::command, "given"_a, "targets"_a, "start"_a, "roots"_a, "farthest"_a, "pressed"_a);
     m.def("solve_batch", &batch, "start"_a, "stop"_a, nb::kw_only(), "components"_a, "round"_a, "rows"_a, "torsion"_a,
           "squares"_a, "points"_a, "rotations"_a, "counts"_a, "loads"_a, "mu"_a, "low"_a, "high"_a, "arms"_a, "terms"_a,
           "forces"_a, "moments"_a, "objective"_a, "lower_bound"_a, "residual"_a, "violation"_a, "codes"_a);

@@ -1,9 +1,11 @@
-// Hands that close on an object which is not where it was planned.
+// Hands that close on an object: one that is not where it was planned, or as somebody commands them.
 //
 // The motors follow their commands as servos, within their limits; what touches presses as springs with friction, and
 // so does a table. Steps are implicit (Euler, the contacts linearised), so that they may be long: light links and stiff
 // springs settle within one. All is seen from the object, as if that stayed where it was planned and the world moved.
 #pragma once
+
+#include <tuple>
 
 #include "algebra.hpp"
 #include "touch.hpp"
@@ -11,14 +13,21 @@
 namespace pinograsp::core {
 inline namespace PINOGRASP_CORE_LEVEL {
 
-// What the joints (n) are told, a row per step, of which the last stays; servos before and from the step `settled`.
+// What the motors (m, one at each of the n joints if not told otherwise) are told, a row per step, of which the last
+// stays; servos before and from the step `settled`.
 struct ClosingCourse {
     std::size_t rows = 0;
     int steps = 0, freed = 0, complete = 0, settled = 0;  // the object is free from a step on; the table leaves; servos
-    double step = 0.0;                                    // [s]
-    const double *q = nullptr, *dq = nullptr, *effort = nullptr;                                  // (rows, n)
-    const double *soft = nullptr, *soft_damping = nullptr, *stiff = nullptr, *damping = nullptr;  // gains (n)
-    const double *inertia = nullptr, *limit = nullptr;                                            // of the motors (n)
+    double step = 0.0, loaded = 0.0;                      // [s] of the closing, under a load
+    const double *q = nullptr, *dq = nullptr, *effort = nullptr;                                  // (rows, m)
+    const double *soft = nullptr, *soft_damping = nullptr, *stiff = nullptr, *damping = nullptr;  // gains (m)
+    const double *inertia = nullptr, *limit = nullptr;                                            // (n), (m)
+    // Joints that a motor moves (m, n); where the joints start (n); their damping and limits (n); frames of the hand's
+    // root (rows, 4, 4).
+    int motors = 0;
+    bool elliptic = false;  // friction across and about a normal share one limit, as of soft fingers
+    const double *arms = nullptr, *start = nullptr, *passive = nullptr, *lower = nullptr, *upper = nullptr,
+                 *roots = nullptr;
 };
 
 // The object, where it is planned, and its contacts.
@@ -37,6 +46,11 @@ struct ClosingOutcome {
     double overlap = 0.0, moved = 0.0, turned = 0.0, crept = 0.0, pushed = 0.0;
 };
 
+// How far the object may go under a load before it counts as lost [m, rad].
+struct Farthest {
+    double moved = 0.0, turned = 0.0;
+};
+
 class Closer {
 public:
     Closer(const TouchScene& scene, const ClosingCourse& course, const Grasped& object)
@@ -46,12 +60,16 @@ public:
           object_(object),
           n_(scene.inputs),
           m_(scene.inputs + 6),
+          motors_(course.arms ? course.motors : scene.inputs),
           shear_(scene.parts.size()),
+          normal_(scene.parts.size()),
           spin_(scene.parts.size()),
           q_(n_),
           rates_(n_),
-          ahead_(n_),
-          drive_(n_),
+          ahead_(motors_),
+          drive_(motors_),
+          weight_(motors_),
+          force_(motors_),
           y_(m_),
           right_(m_),
           base_(m_),
@@ -72,7 +90,7 @@ public:
                 if (s > 0) settle(s);
             }
             if (s == middle) half = world_;
-            look();
+            look(s);
             if (s == 0)
                 for (double gap : touches_.gap) found.overlap = std::max(found.overlap, -gap);
             if (s == 0 && !touches_.depth.empty()) found.overlap = std::max(found.overlap, touches_.depth[0]);
@@ -90,7 +108,42 @@ public:
         return found;
     }
 
+    // From the object where it is, free, and as told until it is `complete`; then each of the loads (count, 6), world,
+    // about the centre of mass, from there. Farthest from where it was under each (count, 2) [m, rad]; what the parts
+    // press with before the loads come. Loads after one that loses it are not tried: no numbers.
+    void command(const double* loads, int count, const Farthest& bounds, double* farthest, double* pressed) {
+        const Frame away{};
+        begin(away);
+        for (int s = 0; s < course_.complete; ++s) look(s), step(s);
+        std::copy(normal_.begin(), normal_.end(), pressed);
+        const State closed{world_, speed_, turning_, shear_, spin_, q_, rates_};
+        step_ = course_.loaded;
+        bool lost = false;
+        for (int load = 0; load < count; ++load) {
+            farthest[2 * load] = farthest[2 * load + 1] = nan;
+            if (lost) continue;
+            std::tie(world_, speed_, turning_, shear_, spin_, q_, rates_) = closed;
+            toucher_.forget();
+            std::copy_n(loads + 6 * load, 6, load_.begin());
+            double moved = length(at(world_) - at(away)), turned = angle(world_);
+            for (int s = course_.complete, still = 0; s < course_.steps && still < rested; ++s) {
+                look(s), step(s);
+                moved = std::max(moved, length(at(world_) - at(away))), turned = std::max(turned, angle(world_));
+                lost = !(moved < bounds.moved && turned < bounds.turned);
+                if (lost) break;
+                const bool creeps =
+                    std::all_of(y_.begin() + n_, y_.end(), [](double one) { return std::fabs(one) < creep; });
+                still = creeps ? still + 1 : 0;
+            }
+            farthest[2 * load] = moved, farthest[2 * load + 1] = turned;
+        }
+    }
+
 private:
+    using State = std::tuple<Frame, Triple, Triple, std::vector<Triple>, std::vector<double>, std::vector<double>,
+                             std::vector<double>>;
+    static constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+    static constexpr double stop = 300.0;                    // [N m/rad, N/m] of the joints' limits
     static constexpr double near = 3e-3, deep = 2e-2;        // [m] of the surface: what may touch in a step
     static constexpr double sink = 1e-4, near_table = 2e-3;  // [m] into the table; above it, what may touch it
     static constexpr double shearing = 2.0;                  // of the normal stiffness
@@ -103,12 +156,15 @@ private:
     static constexpr double alike = 1e-7;  // [m, rad] change of a step that ends its rounds
     static constexpr double rest = 1e-7;   // [m, rad] of a step; so many of them end the hold
     static constexpr int at_rest = 5;
+    static constexpr double creep = 5e-4;  // likewise of the object alone, under a load
+    static constexpr int rested = 2;
 
     // Rows of a place that touches, one after the other: normals, two across, one that turns.
     struct Patch {
         int first = 0, normals = 0;
         double stiffness = 0.0, shear = 0.0, spin = 0.0;  // of each normal; of the others [N/m, N m/rad]
         double turning = 0.0;                             // limit of the last per newton [m]
+        double normal = 0.0;                              // of all normals [N]
         double force[3]{};                                // of the last three, before the step
         double trial[3]{}, share[3]{};
         Triple x{}, y{};
@@ -128,11 +184,13 @@ private:
         toucher_.forget();
         speed_ = turning_ = table_shear_ = {};
         table_spin_ = 0.0;
-        std::copy(course_.q, course_.q + n_, q_.begin());
+        load_.fill(0.0), step_ = course_.step;
+        std::copy_n(course_.start ? course_.start : course_.q, n_, q_.begin());
         std::fill(rates_.begin(), rates_.end(), 0.0);
         std::fill(ahead_.begin(), ahead_.end(), 0.0);
         std::fill(shear_.begin(), shear_.end(), Triple{});
         std::fill(spin_.begin(), spin_.end(), 0.0);
+        std::fill(normal_.begin(), normal_.end(), 0.0);
         soft_ = true;
         const double size = length(object_.gravity);
         up_ = size > 0.0 ? (-1.0 / size) * object_.gravity : Triple{0.0, 0.0, 1.0};
@@ -152,13 +210,19 @@ private:
     }
 
     const double* row(const double* rows, int s) const {
-        return rows + std::min<std::size_t>(s + 1, course_.rows - 1) * n_;
+        return rows + std::min<std::size_t>(s + 1, course_.rows - 1) * motors_;
     }
 
-    void look() {
+    Frame root(int s) const {
+        return course_.roots ? frame_at(course_.roots + 16 * std::min<std::size_t>(s + 1, course_.rows - 1))
+                             : object_.root;
+    }
+
+    void look(int s) {
         touches_.clear();
-        toucher_.touch(q_.data(), world_.inverse() * object_.root,
-                       {near, lean, world_.turn_back(object_.gravity), deep, false, true}, touches_);
+        toucher_.touch(q_.data(), world_.inverse() * root(s),
+                       {near, lean, world_.turn_back(object_.gravity), deep, false, true, course_.arms != nullptr},
+                       touches_);
     }
 
     // The object's point farthest along a direction.
@@ -170,7 +234,7 @@ private:
         const bool fixed = s < course_.freed, stands = object_.on_table && s < course_.complete;
         const std::size_t count = touches_.part.size();
         touched_ = touched_ || count > 0;
-        if (!touched_ && (fixed || stands)) {
+        if (!touched_ && !course_.arms && (fixed || stands)) {
             std::copy_n(row(course_.q, s), n_, q_.begin());
             return;
         }
@@ -189,32 +253,61 @@ private:
 
     // What the motors do in the step without moving (n), and what slows the object.
     void set_base(int s, bool fixed) {
-        const double h = course_.step;
+        const double h = step_;
         const double *told = row(course_.q, s), *rate = row(course_.dq, s), *effort = row(course_.effort, s);
         const double *kp = stiffness(), *kd = damping();
-        for (int i = 0; i < n_; ++i) drive_[i] = kp[i] * (told[i] + ahead_[i] - q_[i]) + effort[i] + kd[i] * rate[i];
+        for (int i = 0; i < motors_; ++i)
+            drive_[i] = kp[i] * (told[i] + ahead_[i] - moved_by(i, q_)) + effort[i] + kd[i] * rate[i];
+        const Triple pushed = world_.turn_back({load_[0], load_[1], load_[2]}),
+                     twisted = world_.turn_back({load_[3], load_[4], load_[5]});
         const Triple down = world_.turn_back(object_.gravity), turning = turned(turning_);
         for (int i = 0; i < 3; ++i) {
             base_[n_ + i] = object_.mass / (h * h), base_[n_ + 3 + i] = 0.0;
-            right_[n_ + i] = fixed ? 0.0 : object_.mass * (speed_[i] / h + down[i]);
-            right_[n_ + 3 + i] = fixed ? 0.0 : turning[i] / h;
+            right_[n_ + i] = fixed ? 0.0 : object_.mass * (speed_[i] / h + down[i]) + pushed[i];
+            right_[n_ + 3 + i] = fixed ? 0.0 : turning[i] / h + twisted[i];
         }
+    }
+
+    // A motor's coordinate (joints at `from`).
+    double moved_by(int motor, const std::vector<double>& from) const {
+        if (!course_.arms) return from[motor];
+        double found = 0.0;
+        for (int i = 0; i < n_; ++i) found += course_.arms[motor * n_ + i] * from[i];
+        return found;
     }
 
     const double* stiffness() const { return soft_ ? course_.soft : course_.stiff; }
     const double* damping() const { return soft_ ? course_.soft_damping : course_.damping; }
 
-    // The motors (n) about the step y: servos, or at their limits, where they would ask for more.
+    // The motors about the step y: servos, or at their limits, where they would ask for more; joints at theirs.
     void set_motors(bool first) {
-        const double h = course_.step;
+        const double h = step_;
         for (int i = 0; i < n_; ++i) {
-            const double inertia = course_.inertia[i], limit = course_.limit[i],
-                         against = stiffness()[i] + damping()[i] / h;
-            const double asked = drive_[i] - against * y_[i];
+            const double inertia = course_.inertia[i], slowed = course_.passive ? course_.passive[i] : 0.0;
+            base_[i] = inertia / (h * h) + slowed / h;
+            right_[i] = inertia * rates_[i] / h - touches_.gravity[i];
+            if (!course_.lower) continue;
+            const double next = q_[i] + y_[i], stopped = std::clamp(next, course_.lower[i], course_.upper[i]);
+            if (stopped != next) base_[i] += stop, right_[i] += stop * (stopped - q_[i]);
+        }
+        for (int i = 0; i < motors_; ++i) {
+            const double limit = course_.limit[i], against = stiffness()[i] + damping()[i] / h;
+            const double asked = drive_[i] - against * moved_by(i, y_);
             const bool free = first || std::fabs(asked) < limit;
-            base_[i] = (free ? against : 0.0) + inertia / (h * h);
-            right_[i] =
-                (free ? drive_[i] : std::copysign(limit, asked)) - touches_.gravity[i] + inertia * rates_[i] / h;
+            weight_[i] = free ? against : 0.0, force_[i] = free ? drive_[i] : std::copysign(limit, asked);
+            if (!course_.arms) base_[i] += weight_[i], right_[i] += force_[i];
+        }
+    }
+
+    // Motors of several joints, in the matrix and on the right.
+    void add_motors() {
+        for (int a = 0; a < motors_; ++a) {
+            const double* arms = course_.arms + a * n_;
+            for (int i = 0; i < n_; ++i) {
+                if (arms[i] == 0.0) continue;
+                rhs_[i] += force_[a] * arms[i];
+                for (int j = i; j < n_; ++j) matrix_[i * m_ + j] += weight_[a] * arms[i] * arms[j];
+            }
         }
     }
 
@@ -323,12 +416,18 @@ private:
             double normal = 0.0;
             for (int i = patch.first; i < patch.first + patch.normals; ++i)
                 normal += patch.stiffness * std::max(0.0, along(i) - gaps_[i]);
+            patch.normal = normal;
             const int next = patch.first + patch.normals;
             for (int i = 0; i < 3; ++i)
                 patch.trial[i] = patch.force[i] + (i < 2 ? patch.shear : patch.spin) * along(next + i);
-            const double size = std::hypot(patch.trial[0], patch.trial[1]);
+            const double size = std::hypot(patch.trial[0], patch.trial[1]), turning = std::fabs(patch.trial[2]);
+            if (course_.elliptic) {
+                const double all =
+                    std::hypot(size / std::max(object_.mu, 1e-9), turning / std::max(patch.turning, 1e-9));
+                patch.share[0] = patch.share[1] = patch.share[2] = all > normal ? normal / all : 1.0;
+                continue;
+            }
             patch.share[0] = patch.share[1] = size > object_.mu * normal ? object_.mu * normal / size : 1.0;
-            const double turning = std::fabs(patch.trial[2]);
             patch.share[2] = turning > patch.turning * normal ? patch.turning * normal / turning : 1.0;
         }
     }
@@ -336,11 +435,12 @@ private:
     // One round: the step y with what presses, and friction's shares, as of the last; how much it changed.
     double press(bool fixed) {
         weigh();
-        const double h = course_.step;
+        const double h = step_;
         std::fill(matrix_.begin(), matrix_.end(), 0.0);
         for (int i = 0; i < m_; ++i) matrix_[i * m_ + i] = base_[i], rhs_[i] = right_[i];
         for (int i = 0; i < 3; ++i)
             for (int j = i; j < 3; ++j) matrix_[(n_ + 3 + i) * m_ + n_ + 3 + j] += object_.inertia[3 * i + j] / (h * h);
+        if (course_.arms) add_motors();
         for (const Patch& patch : patches_) {
             for (int i = patch.first; i < patch.first + patch.normals; ++i)
                 if (along(i) > gaps_[i]) add_spring(i, patch.stiffness, -patch.stiffness * gaps_[i]);
@@ -378,9 +478,10 @@ private:
 
     // Takes the step y, and keeps the forces of friction.
     void move(bool fixed) {
-        const double h = course_.step;
+        const double h = step_;
         std::fill(shear_.begin(), shear_.end(), Triple{});
         std::fill(spin_.begin(), spin_.end(), 0.0);
+        std::fill(normal_.begin(), normal_.end(), 0.0);
         table_shear_ = {}, table_spin_ = 0.0;
         for (const Patch& patch : patches_) {
             const Triple shear =
@@ -389,7 +490,7 @@ private:
             if (patch.part < 0)
                 table_shear_ = world_.turn(shear), table_spin_ = spin;
             else
-                shear_[patch.part] = shear, spin_[patch.part] = spin;
+                shear_[patch.part] = shear, spin_[patch.part] = spin, normal_[patch.part] = patch.normal;
         }
         for (int i = 0; i < n_; ++i) q_[i] += y_[i], rates_[i] = y_[i] / h;
         if (fixed) return;
@@ -404,14 +505,16 @@ private:
     Toucher toucher_;
     const ClosingCourse& course_;
     const Grasped& object_;
-    const int n_, m_;
+    const int n_, m_, motors_;
     Frame world_;                                        // from what the object sees to the world
     Triple speed_{}, turning_{}, up_{}, table_shear_{};  // of the object, as it sees them; in the world
-    double table_spin_ = 0.0, height_ = 0.0;
+    double table_spin_ = 0.0, height_ = 0.0, step_ = 0.0;
     bool touched_ = false, soft_ = true;
     Touches touches_;
+    std::array<double, 6> load_{};
     std::vector<Triple> shear_, points_;  // of the parts; of a patch
-    std::vector<double> spin_, q_, rates_, ahead_, drive_, y_, right_, base_, rhs_, matrix_, rows_, gaps_;
+    std::vector<double> normal_, spin_, q_, rates_, ahead_, drive_, weight_, force_, y_, right_, base_, rhs_, matrix_,
+        rows_, gaps_;
     std::vector<Patch> patches_;
 };
 

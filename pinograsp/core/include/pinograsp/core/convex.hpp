@@ -54,6 +54,16 @@ struct Frame {
     }
 };
 
+// A homogeneous placement (4, 4).
+inline Frame frame_at(const double* own) {
+    Frame found;
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) found.R[3 * i + j] = own[4 * i + j];
+        found.t[i] = own[4 * i + 3];
+    }
+    return found;
+}
+
 // The rotation by a vector [rad] (Rodrigues).
 inline Frame rotate_by(const Triple& by) {
     const double angle = length(by);

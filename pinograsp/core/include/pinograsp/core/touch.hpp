@@ -64,6 +64,7 @@ struct TouchOptions {
     double deepest = tolerance;  // [m] what is farther inside is no touch
     bool collisions = true;      // of the hand with itself: whether they are looked for
     bool follows = false;        // what touched at the last call is pressed from the same side
+    bool hulls = false;          // convex parts stand for the surfaces of hand and object
 };
 
 // Finds touches, with memory of its own.
@@ -75,7 +76,8 @@ public:
           parts_(scene.parts.size()),
           best_(scene.parts.size()),
           last_(scene.parts.size()),
-          now_(scene.parts.size()) {
+          now_(scene.parts.size()),
+          ways_(scene.parts.size() * scene.solids.size()) {
         for (std::size_t i = 0; i < scene.solids.size(); ++i)
             if (i == 0)
                 around_ = scene.solids[i].bounds();
@@ -90,11 +92,12 @@ public:
         double depth = 0.0;
         bool failed = false;
         std::fill(last_.begin(), last_.end(), Triple{});
-        if (options.follows) last_.swap(now_);
+        follows_ = options.follows;
+        if (follows_) last_.swap(now_);
         find_near(options.tolerance);
         for (Candidate& best : best_) {
             if (best.part < 0) continue;
-            WayOut way = measure_touch(best);
+            WayOut way = measure_touch(best, options.hulls);
             failed = failed || !way.found;
             if (!way.found || !(way.gap <= options.tolerance)) continue;
             if (way.gap < -options.deepest) {
@@ -110,11 +113,15 @@ public:
         bear(options.gravity, found.gravity);
     }
 
-    void forget() { std::fill(now_.begin(), now_.end(), Triple{}); }
+    void forget() {
+        std::fill(now_.begin(), now_.end(), Triple{});
+        std::fill(ways_.begin(), ways_.end(), Triple{});
+    }
 
     // Distance of some parts of the hand from the object, up to `reach`: of convex hulls, from below.
     double gap(const double* q, const Frame& root, const std::vector<int>& parts, double reach) {
         put(q, root);
+        follows_ = false;
         near_.clear();
         for (int part : parts) list_near(part, reach);
         std::sort(near_.begin(), near_.end());
@@ -184,14 +191,20 @@ private:
                 near_.push_back({room, part, static_cast<int>(s)});
     }
 
-    // The gap of a pair, as seen from the part.
-    Separation look(const Near& near, double beyond) const {
+    // The gap of a pair, as seen from the part; looked for first where it was before, if that is to be followed.
+    Separation look(const Near& near, double beyond) {
         const Frame there = parts_[near.part].inverse() * object_;
         const Body &hull = scene_.parts[near.part].hull, &solid = scene_.solids[near.solid];
-        Triple along = there.act(solid.bounds().middle) - hull.bounds().middle;
-        const double size = length(along);
-        along = size > 0.0 ? (1.0 / size) * along : Triple{1.0, 0.0, 0.0};
-        return Nearest(hull, solid, there, along, beyond).gap;
+        Triple& before = ways_[near.part * scene_.solids.size() + near.solid];
+        Triple along = before;
+        if (!follows_ || dot(before, before) == 0.0) {
+            along = there.act(solid.bounds().middle) - hull.bounds().middle;
+            const double size = length(along);
+            along = size > 0.0 ? (1.0 / size) * along : Triple{1.0, 0.0, 0.0};
+        }
+        const Separation gap = Nearest(hull, solid, there, along, beyond).gap;
+        if (follows_) before = gap.normal;
+        return gap;
     }
 
     // The nearest part of each link, where it is within the tolerance.
@@ -211,12 +224,15 @@ private:
     }
 
     // Separation, the point on the object's surface, and the inward normal: its own, not its parts'.
-    WayOut measure_touch(const Candidate& best) const {
+    WayOut measure_touch(const Candidate& best, bool hulls) const {
         const PartOfHand& part = scene_.parts[best.part];
+        const bool solid = hulls || scene_.surface.empty();
+        const Body& mine = hulls ? part.hull : part.shape();
+        const Body& beneath = solid ? scene_.solids[best.solid] : scene_.surface;
         const Separation& gap = best.gap;
         const Frame& at = parts_[best.part];
         const Triple normal = at.turn(gap.normal);
-        if (gap.apart > off / 10.0 && scene_.surface.empty() && part.surface.empty())
+        if (gap.apart > off / 10.0 && solid && (hulls || part.surface.empty()))
             return {true, true, gap.distance, at.act(gap.other), normal};
         // Inside, the object is moved off until it is clear, along the normal of its convex part, or, where that leads
         // along a wall, in the direction that is shortest.
@@ -224,7 +240,7 @@ private:
         constexpr double most = std::numeric_limits<double>::max();
         const Triple last = back_.turn_back(last_[part.link]);
         const bool follows = dot(last, last) > 0.0;
-        WayOut found = leave(part, at, follows ? last : normal, far, most);
+        WayOut found = leave(mine, beneath, at, follows ? last : normal, far, most);
         if (follows && found.settled && dot(found.normal, last) > 1.0 - rolled * rolled / 2.0) return found;
         if (found.found && found.gap > -2.0 * far && (found.settled || found.gap < gap.distance + 3.0 * off))
             return found;
@@ -232,7 +248,7 @@ private:
             const double one = (i & 1 ? -1.0 : 1.0) / 1.902113, other = (i & 2 ? -1.618034 : 1.618034) / 1.902113;
             Triple start{};
             start[(i / 4 + 1) % 3] = one, start[(i / 4 + 2) % 3] = other;
-            const WayOut way = leave(part, at, start, far, found.settled ? 2.0 * off - found.gap : most);
+            const WayOut way = leave(mine, beneath, at, start, far, found.settled ? 2.0 * off - found.gap : most);
             if (way.found &&
                 (way.settled > found.settled || !found.found || (way.settled == found.settled && way.gap > found.gap)))
                 found = way;
@@ -242,15 +258,14 @@ private:
 
     // Along the common normal to which that one leads, the object moved `far` at first. Where it is clear of the part,
     // their nearest points tell the next normal. Not farther than `most` [m].
-    WayOut leave(const PartOfHand& part, const Frame& at, Triple normal, double far, double most) const {
-        const Body& other = scene_.surface.empty() ? scene_.solids[0] : scene_.surface;
+    WayOut leave(const Body& mine, const Body& other, const Frame& at, Triple normal, double far, double most) const {
         WayOut found;
         for (int i = 0; i < rounds && far <= most; ++i) {
             Frame moved = object_;
             moved.t = moved.t + far * normal;
-            const Separation gap = Nearest(part.shape(), other, at.inverse() * moved, at.turn_back(normal),
-                                           std::numeric_limits<double>::max())
-                                       .gap;
+            const Separation gap =
+                Nearest(mine, other, at.inverse() * moved, at.turn_back(normal), std::numeric_limits<double>::max())
+                    .gap;
             if (!(std::fabs(gap.distance) < std::numeric_limits<double>::max())) return {};
             if (gap.distance < off / 10.0) {  // deeper than thought
                 far += off + std::max(-gap.distance, 0.0);
@@ -356,6 +371,8 @@ private:
     std::vector<Near> near_;
     std::vector<Candidate> best_;     // of each link
     std::vector<Triple> last_, now_;  // normals of what touches, of each link, in the world
+    std::vector<Triple> ways_;        // of each part and solid (p, s), as the part sees it: where they were nearest
+    bool follows_ = false;
     std::vector<Load> carried_;
 };
 
