@@ -94,10 +94,10 @@ def try_commands(setup: CertifySetup, given: Commands) -> Commanded:
 
 
 def try_torques(setup: CertifySetup, touches: PostureTouches, squeezes: Squeezes, which: BoolArray) -> Commanded:
-    """What comes of position references q + tau / kp for the torques of certified forces, of ``which`` grasps (N,); q is
-    where the links have pressed in.
+    """What comes of position references q + tau / kp for the torques of certified forces, of ``which`` grasps (N,).
 
-    The motors' efforts are the ones that come nearest to the torques: joints along a tendon give way until these fit.
+    Here q is where the links have pressed in. The motors' efforts are those that come nearest to the torques: joints
+    along a tendon give way until these fit.
     """
     q, roots, torques = touches.q, touches.roots, squeezes.torques
     motors, all_of_them, rows = Motors.of(setup.hand), Commanded.none(setup, len(q)), np.flatnonzero(which)
