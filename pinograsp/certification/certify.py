@@ -77,7 +77,8 @@ class Certifier:
 
         def certify_from(start: int) -> Certificates:
             some = slice(start, start + BLOCK)
-            return certify_block(setup, q[some], placed[some], None if commands is None else commands.only(some))
+            told = None if commands is None else (commands.q[some], commands.roots[some])
+            return certify_block(setup, q[some], placed[some], told)
 
         return Certificates.join(share_out(certify_from, starts, self._setup.options.threads))
 

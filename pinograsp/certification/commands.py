@@ -11,9 +11,9 @@ from pinograsp.certification.pressing import Squeezes
 from pinograsp.certification.setup import CertifySetup
 from pinograsp.certification.touches import PostureTouches
 from pinograsp.checks import array_of, brief, placements_of, read_only
-from pinograsp.contacts.commanded import Motors, follow_commands
+from pinograsp.contacts.commanded import follow_commands
 from pinograsp.errors import InvalidInput
-from pinograsp.spatial import Array, BoolArray, IntArray
+from pinograsp.spatial import Array, BoolArray
 
 _TURNS = 0.1  # of the largest share of motions in depths: smaller ones are no way to press
 
@@ -49,10 +49,6 @@ class Commands:
     def __len__(self) -> int:
         return len(self.q)
 
-    def only(self, which: slice | IntArray) -> Commands:
-        """Those of some of the grasps."""
-        return Commands(self.q[which], self.roots[which])
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Commanded:
@@ -76,16 +72,14 @@ class Commanded:
         )
 
 
-def try_commands(setup: CertifySetup, given: Commands) -> Commanded:
-    """What comes of commands, object and loads as in the set-up."""
+def try_commands(setup: CertifySetup, q: Array, roots: Array) -> Commanded:
+    """What comes of commands, as of :class:`Commands`, object and loads as in the set-up."""
     scene = setup.scene
-    found = follow_commands(
-        scene, Motors.of(setup.hand), given.q, given.roots, setup.loading, threads=setup.options.threads
-    )
-    pressed = np.zeros((len(given), len(scene.links)))
+    found = follow_commands(scene, setup.motors, q, roots, setup.loading, threads=setup.options.threads)
+    pressed = np.zeros((len(q), len(scene.links)))
     np.add.at(pressed.T, scene.link_of, found.pressed.T)
     return Commanded(
-        commanded=np.ones(len(given), dtype=bool),
+        commanded=np.ones(len(q), dtype=bool),
         held_as_commanded=np.asarray(found.kept, dtype=bool),
         moved=found.moved,
         turned=found.turned,
@@ -100,7 +94,7 @@ def try_torques(setup: CertifySetup, touches: PostureTouches, squeezes: Squeezes
     along a tendon give way until these fit.
     """
     q, roots, torques = touches.q, touches.roots, squeezes.torques
-    motors, all_of_them, rows = Motors.of(setup.hand), Commanded.none(setup, len(q)), np.flatnonzero(which)
+    motors, all_of_them, rows = setup.motors, Commanded.none(setup, len(q)), np.flatnonzero(which)
     if not len(rows):
         return all_of_them
     moves = touches.motions(setup)[0][rows]
@@ -109,12 +103,10 @@ def try_torques(setup: CertifySetup, touches: PostureTouches, squeezes: Squeezes
     alike = (links[:, :, None] == links[:, None]) & touches.used[rows][:, None]
     depths = np.einsum("nkc,nc->nk", alike, squeezes.local[rows, :, 3]) / setup.loading.stiffness
     pressed = np.einsum("njk,nk->nj", np.linalg.pinv(moves, rcond=_TURNS), depths)
-    efforts = torques[rows] @ np.linalg.pinv(motors.arms)
-    ahead = (efforts / motors.stiffness) @ np.linalg.pinv(motors.arms).T
-    some = try_commands(
-        setup,
-        Commands(np.stack([q[rows], q[rows] + pressed + ahead], axis=1), np.repeat(roots[rows, None], 2, axis=1)),
-    )
+    back = np.linalg.pinv(motors.arms)
+    ahead = (torques[rows] @ back / motors.stiffness) @ back.T
+    stages = np.stack([q[rows], q[rows] + pressed + ahead], axis=1)
+    some = try_commands(setup, stages, np.repeat(roots[rows, None], 2, axis=1))
     for field in fields(Commanded):
         getattr(all_of_them, field.name)[rows] = getattr(some, field.name)
     return all_of_them

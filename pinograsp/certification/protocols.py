@@ -42,6 +42,11 @@ class Protocol:
 
     __repr__ = brief("name", "mass", "mu")
 
+    @property
+    def loads(self) -> Array:
+        """The pushes as wrenches about the centre of mass (l, 6) [N, N m]."""
+        return np.pad(self.pushes, ((0, 0), (0, 3)))
+
     def conditions(self) -> GraspConditions:
         """Friction and limits as in the benchmark; without gravity, the pushes are all there is."""
         return GraspConditions(mu=self.mu, gravity_o=np.zeros(3), reserve=None)

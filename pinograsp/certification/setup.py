@@ -11,7 +11,7 @@ from pinograsp import defaults
 from pinograsp.certification.protocols import Protocol, find_protocol
 from pinograsp.checks import flag, instance_of, integer, number, read_only
 from pinograsp.contacts.bulk import BulkScene
-from pinograsp.contacts.commanded import Loading
+from pinograsp.contacts.commanded import Loading, Motors
 from pinograsp.contacts.friction import CONE, SOFT
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import GraspConditions, Reserve
@@ -75,6 +75,7 @@ class CertifySetup:
         wrenches: that are added to the weight (m, 6) [N, N m].
         holding: the weight, and with what friction it is held.
         ratios: what drives of several joints leave out of their torques (p, n).
+        motors: of the hand.
         loading: what grasps that are commanded must withstand.
     """
 
@@ -89,6 +90,7 @@ class CertifySetup:
     wrenches: Array
     holding: Holding
     ratios: Array
+    motors: Motors
     loading: Loading
 
 
@@ -108,8 +110,7 @@ def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: O
     protocol = find_protocol(options.protocol)
     reserve = Reserve.none() if conditions.reserve is None or protocol else conditions.reserve
     if protocol:  # its programs would take the weight
-        loads = np.pad(protocol.pushes, ((0, 0), (0, 3)))
-        weight, wrenches = loads[0], loads - loads[0]
+        weight, wrenches = protocol.loads[0], protocol.loads - protocol.loads[0]
         options = replace(options, exact=False)
     else:
         weight = np.concatenate([body.mass * conditions.gravity_o, np.zeros(3)])
@@ -130,6 +131,7 @@ def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: O
         wrenches=read_only(wrenches[np.abs(wrenches).max(axis=1) > 0]),
         holding=Holding(friction=CONE, mu=conditions.mu, weight=weight, cap=min(cap, deepest)),
         ratios=read_only(np.array([ratio.row for ratio in ratios]).reshape(-1, hand.n)),
+        motors=Motors.of(hand),
         loading=_loading(conditions, weight, reserve, protocol),
     )
 
@@ -138,7 +140,7 @@ def _loading(conditions: GraspConditions, weight: Array, reserve: Reserve, proto
     """The loads of a protocol; else the weight, alone and with the reserve's force along each axis."""
     if protocol:
         return Loading(
-            loads=np.pad(protocol.pushes, ((0, 0), (0, 3))),
+            loads=protocol.loads,
             distance=protocol.distance,
             angle=protocol.angle,
             stiffness=protocol.stiffness,

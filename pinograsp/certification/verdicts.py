@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from pinograsp.certification.commands import Commanded, Commands, try_commands, try_torques
+from pinograsp.certification.commands import Commanded, try_commands, try_torques
 from pinograsp.certification.pressing import Squeezes, find_squeezes
 from pinograsp.certification.record import Certificates
 from pinograsp.certification.setup import CertifySetup
@@ -22,8 +22,10 @@ _NEAR = 1e-9  # of shares: rounding
 _UNMADE = 0.2  # share of the depths that the hand's joints cannot choose: more is not what it makes
 
 
-def certify_block(setup: CertifySetup, q: Array, roots: Array, commands: Commands | None) -> Certificates:
-    """The certificates of postures (N, n) with the hand's root at ``roots`` (N, 4, 4)."""
+def certify_block(setup: CertifySetup, q: Array, roots: Array, commands: tuple[Array, Array] | None) -> Certificates:
+    """The certificates of postures (N, n) with the hand's root at ``roots`` (N, 4, 4); ``commands``: q and roots, as of
+    :class:`~pinograsp.certification.Commands`.
+    """
     started = time.perf_counter()
     touches = find_touches(setup, q, roots)
     elapsed = {"contacts": time.perf_counter() - started}
@@ -32,7 +34,7 @@ def certify_block(setup: CertifySetup, q: Array, roots: Array, commands: Command
     producible = (unproducible <= _UNMADE) & ~_beyond_drives(setup, touches, squeezes) & squeezes.weight_held
     between = time.perf_counter()
     if commands is not None:
-        commanded = try_commands(setup, commands)
+        commanded = try_commands(setup, *commands)
     elif setup.options.commanded:
         commanded = try_torques(setup, touches, squeezes, squeezes.weight_held)
     else:

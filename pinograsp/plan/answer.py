@@ -28,8 +28,8 @@ ANSWERS: dict[str, str] = {
     "Almost": "forces balance the load but for a small rest, which the answer gives in newtons: a grid search with the "
     "paper's net-force limit (status unbalanced)",
     "Not certain": "forces hold the load, but whether the hand brings them about, or keeps the object, is not sure: "
-    "fingers cannot follow their paths (not_tracked), forces act on edges or the object gives way far (doubtful), or "
-    "moments are not balanced; the answer says which",
+    "fingers cannot follow their paths (not_tracked), forces act on edges or the object is easily pushed away "
+    "(doubtful), or moments are not balanced; the answer says which",
     "Not with what it was tried with": "lost in a simulation with disturbances or other differences from the plan, "
     "which says nothing of the plan without them",
     "No": "lost in a simulation of the plan as it is; the reason follows",

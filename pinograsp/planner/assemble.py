@@ -120,7 +120,7 @@ def assemble_plan(
 
 def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion, unstable: str | None) -> Motion:
     """The motion with its status, where the reserve hangs on contacts that a small error changes, or the object leaves
-    by itself or gives way far (``unstable``, in words).
+    by itself or is easily pushed away (``unstable``, in words).
     """
     problem = solution.problem
     if motion.status is not Status.OK or problem.object is None:

@@ -153,7 +153,7 @@ def _check(plan: GraspPlan) -> tuple[GraspPlan, bool]:
 
 def _count_faults(plan: GraspPlan, closure: Closure) -> int:
     """How much speaks against a plan: contacts that slide, lie on edges or press past them, forces that come out other
-    than planned, other links that press, an object that leaves by itself or gives way far.
+    than planned, other links that press, an object that leaves by itself or is easily pushed away.
     """
     slip, solution = np.asarray(plan.motion.slip), plan.solution
     planned, push = plan.forces.normal_forces, 0.0 if plan.reserve is None else plan.reserve.force

@@ -56,7 +56,7 @@ def place_block(grasps: GraspRows, rows: IntArray, hand: HandModel, **meant: Any
     closing = hand.n == 1 and not grasps.q.shape[1]
     at = {hand.joint_names[0]: float(hand.resting[0])} if closing else None
     poses, q = place_hand(grasps, hand, at=at, **meant)
-    stages = None if grasps.squeeze_q is None or closing else _commanded(grasps, hand, (poses, q), meant)
+    stages = None if grasps.squeeze_q is None or closing else _place_stages(grasps, hand, (poses, q), meant)
     return Block(
         rows=rows,
         object_name=object_named(grasps),
@@ -70,7 +70,7 @@ def place_block(grasps: GraspRows, rows: IntArray, hand: HandModel, **meant: Any
     )
 
 
-def _commanded(
+def _place_stages(
     grasps: GraspRows, hand: HandModel, placed: tuple[Array, Array], meant: dict[str, Any]
 ) -> list[tuple[Array, Array]]:
     """What a file commands, before the grasp, in it, where it is ``placed``, and after: poses (N, 4, 4), q (N, n)."""
