@@ -287,5 +287,5 @@ def _follow_bias(torques: TorqueLimits | None, norms: Array, n: int) -> Array:
         return np.zeros((0, n))
     rows = [np.eye(len(torques.bias))[torques.limited]]
     if torques.underactuation is not None:
-        rows += 2 * [torques.underactuation.rows]
+        rows += [torques.underactuation.rows[side] for side in torques.underactuation.limited_sides]
     return np.asarray(np.concatenate(rows) / norms[:, None])

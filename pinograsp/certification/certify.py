@@ -13,6 +13,7 @@ from pinograsp.certification.record import Certificates
 from pinograsp.certification.setup import CertifyArguments, Options, prepare
 from pinograsp.certification.verdicts import certify_block
 from pinograsp.checks import array_of, instance_of, placements_of
+from pinograsp.contacts import open_and_closed
 from pinograsp.contacts.jaw_closing import close_jaws
 from pinograsp.core.threads import share_out
 from pinograsp.errors import InvalidInput
@@ -63,12 +64,18 @@ class Certifier:
     def jaws(self, roots: ArrayLike) -> Certificates:
         """The certificates of jaws (a hand of one joint) that close with their root at ``roots`` (N, 4, 4).
 
-        They close until they touch, see :func:`~pinograsp.contacts.jaw_closing.close_jaws`.
+        They close until they touch, see :func:`~pinograsp.contacts.jaw_closing.close_jaws`. As commanded (``commanded``
+        or a protocol), they are told to close all the way, and press with what their motor has.
         """
         placed = array_of("roots", roots, (None, 4, 4))
         placed = placements_of("roots", placed, len(placed))
-        q, moved, _ = close_jaws(self._setup.scene, placed)
-        return self._certify(q, moved)
+        setup = self._setup
+        q, moved, _ = close_jaws(setup.scene, placed)
+        commands = None
+        if setup.options.commanded or setup.options.protocol is not None:
+            stages = np.array(open_and_closed(setup.hand, setup.body))
+            commands = Commands(np.tile(stages, (len(q), 1, 1)), np.repeat(placed[:, None], 2, axis=1))
+        return self._certify(q, moved, commands)
 
     def _certify(self, q: Array, placed: Array, commands: Commands | None = None) -> Certificates:
         setup, starts = self._setup, range(0, max(len(q), 1), BLOCK)

@@ -8,55 +8,76 @@ from types import MappingProxyType
 import numpy as np
 
 from pinograsp.checks import brief, one_of
-from pinograsp.forces import GraspConditions
+from pinograsp.forces import GraspConditions, TorqueLimit
+from pinograsp.hands import Drive, HandModel
 from pinograsp.spatial import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Protocol:
-    """The test of a benchmark.
+    """The test of a benchmark or of a data set's makers.
 
     Attributes:
         name: of the benchmark.
-        mass: of each object [kg].
+        mass: of each object [kg]; None: by its density.
+        density: of each object [kg/m^3]; None: by its mass.
         mu: friction coefficient [-].
         torsion: largest moment about a normal per newton [m].
-        pushes: forces at the centre of mass, in the axes of the file's world (l, 3) [N], one after the other.
+        pulls: accelerations of the object, in the axes of the file's world (l, 3) [m/s^2], one after the other.
         distance: how far the object may go [m].
         angle: how far it may turn [rad].
         stiffness: of a contact in the benchmark's engine [N/m].
         tolerance: distance from the surface up to which a link touches [m], as good as its files are.
         source: where this is from.
+        servo: gain of a servo without limit at each joint [N m/rad or N/m], which the benchmark has in place of the
+            hand's drives; None: it has the drives.
+        lenient: whether links of the hand may overlap, and joints be beyond their limits, as in the benchmark.
     """
 
     name: str
-    mass: float
+    mass: float | None = None
+    density: float | None = None
     mu: float
     torsion: float
-    pushes: Array
+    pulls: Array
     distance: float
     angle: float
     stiffness: float
     tolerance: float
     source: str
+    servo: float | None = None
+    lenient: bool = False
 
-    __repr__ = brief("name", "mass", "mu")
+    __repr__ = brief("name", "mass", "density", "mu")
 
-    @property
-    def loads(self) -> Array:
-        """The pushes as wrenches about the centre of mass (l, 6) [N, N m]."""
-        return np.pad(self.pushes, ((0, 0), (0, 3)))
+    def loads_on(self, mass: float) -> Array:
+        """The pulls at an object of that mass [kg] as wrenches about its centre of mass (l, 6) [N, N m]."""
+        return np.pad(mass * self.pulls, ((0, 0), (0, 3)))
+
+    def hand(self, hand: HandModel) -> HandModel:
+        """A hand with the benchmark's servos."""
+        if self.servo is None:
+            return hand
+        return hand.with_drives(
+            Drive(name=joint, joints=(joint,), arms=(1.0,), control="position", stiffness=self.servo)
+            for joint in hand.joint_names
+        )
 
     def conditions(self) -> GraspConditions:
-        """Friction and limits as in the benchmark; without gravity, the pushes are all there is."""
-        return GraspConditions(mu=self.mu, gravity_o=np.zeros(3), reserve=None)
+        """Friction and limits as in the benchmark; without gravity, the pulls are all there is."""
+        limit: TorqueLimit = "effort" if self.servo is None else None
+        return GraspConditions(mu=self.mu, gravity_o=np.zeros(3), reserve=None, torque_limit=limit)
 
 
-def _six(force: float) -> Array:
-    """Forces along both ways of each axis (6, 3) [N]."""
+def _six(acceleration: float) -> Array:
+    """Accelerations along both ways of each axis (6, 3) [m/s^2]."""
     axes = np.eye(3)
-    return np.asarray(force * np.stack([-axes, axes], axis=1).reshape(6, 3), dtype=float)
+    return np.asarray(acceleration * np.stack([-axes, axes], axis=1).reshape(6, 3), dtype=float)
 
+
+_SLIPS = 0.01  # [m] torsion of pads of some square centimetres
+# Contacts of PhysX and FleX are all but rigid: what gives way there are the servos, and jaws have none.
+_HARD, _RIGID = 2e4, 2e5  # [N/m]
 
 PROTOCOLS = MappingProxyType(
     {
@@ -67,7 +88,7 @@ PROTOCOLS = MappingProxyType(
                 mass=0.1,
                 mu=0.6,
                 torsion=0.02,
-                pushes=_six(1.0),
+                pulls=_six(10.0),
                 distance=0.05,
                 angle=float(np.radians(15)),
                 # MuJoCo's contacts give way by (1 - d) / d A tc^2 per newton, A being 1 / m of link and object: solref
@@ -75,6 +96,47 @@ PROTOCOLS = MappingProxyType(
                 stiffness=3e3,
                 tolerance=5e-3,
                 source="JYChen18/DexGraspBench, config/task/eval.yaml and src/task/eval_func/fc_mocap.py",
+            ),
+            Protocol(
+                name="dexgraspnet",
+                density=500.0,
+                mu=3.0,
+                torsion=_SLIPS,
+                pulls=_six(9.8),
+                # Held is what still touches the hand after 1.7 s; what has gone so far does not.
+                distance=0.1,
+                angle=float(np.pi),
+                stiffness=_HARD,
+                tolerance=5e-3,
+                servo=1000.0,
+                lenient=True,
+                source="PKU-EPIC/DexGraspNet, grasp_generation/utils/isaac_validator.py; thres_dis of main.py",
+            ),
+            Protocol(
+                name="acronym",
+                density=150.0,
+                mu=1.0,
+                torsion=_SLIPS,
+                # Its shaking along the approach and about the jaws' axis has no published acceleration: a weight each.
+                pulls=_six(9.81),
+                distance=0.1,
+                angle=float(np.pi),
+                stiffness=_RIGID,
+                tolerance=2e-3,
+                source="NVlabs/acronym: density and friction of its files",
+            ),
+            Protocol(
+                name="graspgen",
+                mass=1.0,
+                mu=1.0,
+                torsion=_SLIPS,
+                # Its own five pulls of one weight, along the approach and askew, lie among these.
+                pulls=_six(9.81),
+                distance=0.1,
+                angle=float(np.pi),
+                stiffness=_RIGID,
+                tolerance=2e-3,
+                source="NVlabs/GraspDataGen, scripts/graspgen/grasp_sim.py and object.py",
             ),
         )
     }

@@ -16,10 +16,11 @@ from pinograsp.contacts import PALM, Contact, ContactSet
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceProblem, GraspConditions
 from pinograsp.hands import HandModel
-from pinograsp.hands.drives import ratios_of
 from pinograsp.motion.remedies import name_displacement
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, BoolArray, IntArray, tangent_frame
+
+_TOLD = 0.02  # [rad or m] beyond a limit, where a protocol lets joints be so
 
 _FEWEST, _NEARLY_ALL = 5, 0.9  # grasps, and the share of them from which on chance does not explain it
 _FRAMES = (
@@ -207,6 +208,8 @@ class Certificates:
             Status.DRIVES: self._drives() if reason is Status.DRIVES else "",
         }.get(reason, "")
         words = f"{reason.words} ({figure})" if figure else reason.words
+        if reason is not Status.JOINT_LIMIT and self.excess[i].max(initial=0.0) > _TOLD:
+            words += f"; {self._beyond(i)} beyond its limit"
         if not self.commanded[i]:
             return words
         way = f"{1e3 * self.moved[i]:.2g} mm and {np.degrees(self.turned[i]):.2g} deg"
@@ -229,9 +232,7 @@ class Certificates:
 
     def _drives(self) -> str:
         """What keeps the drives from making any forces."""
-        hand = self.hand
-        ratios = () if hand.direct_drive else ratios_of(hand.joint_names, hand.drives)
-        return "; ".join(dict.fromkeys(ratio.why for ratio in ratios)) or "links share what presses"
+        return "; ".join(dict.fromkeys(ratio.why for ratio in self.hand.ratios)) or "links share what presses"
 
     def contacts(self, i: int) -> ContactSet:
         """The contacts of grasp i, with its posture, for the rest of the package; of ``hand.placed(roots[i])``.

@@ -17,7 +17,6 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces import GraspConditions, Reserve
 from pinograsp.forces.bulk.squeeze import Holding
 from pinograsp.hands import HandModel
-from pinograsp.hands.drives import ratios_of
 from pinograsp.motion import effort_of
 from pinograsp.objects.body import Body
 from pinograsp.plan.simulation import MOVED, TURNED
@@ -110,7 +109,8 @@ def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: O
     protocol = find_protocol(options.protocol)
     reserve = Reserve.none() if conditions.reserve is None or protocol else conditions.reserve
     if protocol:  # its programs would take the weight
-        weight, wrenches = protocol.loads[0], protocol.loads - protocol.loads[0]
+        loads, hand = protocol.loads_on(body.mass), protocol.hand(hand)
+        weight, wrenches = loads[0], loads - loads[0]
         options = replace(options, exact=False)
     else:
         weight = np.concatenate([body.mass * conditions.gravity_o, np.zeros(3)])
@@ -118,7 +118,6 @@ def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: O
     law = conditions.compliance
     cap = np.inf if conditions.max_normal_force is None else conditions.max_normal_force
     deepest = float(law.force(conditions.max_depth))
-    ratios = () if hand.direct_drive else ratios_of(hand.joint_names, hand.drives)
     return CertifySetup(
         hand=hand,
         body=body,
@@ -130,17 +129,19 @@ def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: O
         reserve=reserve,
         wrenches=read_only(wrenches[np.abs(wrenches).max(axis=1) > 0]),
         holding=Holding(friction=CONE, mu=conditions.mu, weight=weight, cap=min(cap, deepest)),
-        ratios=read_only(np.array([ratio.row for ratio in ratios]).reshape(-1, hand.n)),
+        ratios=read_only(np.array([ratio.row for ratio in hand.ratios]).reshape(-1, hand.n)),
         motors=Motors.of(hand),
-        loading=_loading(conditions, weight, reserve, protocol),
+        loading=_loading(conditions, body.mass, weight, reserve, protocol),
     )
 
 
-def _loading(conditions: GraspConditions, weight: Array, reserve: Reserve, protocol: Protocol | None) -> Loading:
+def _loading(
+    conditions: GraspConditions, mass: float, weight: Array, reserve: Reserve, protocol: Protocol | None
+) -> Loading:
     """The loads of a protocol; else the weight, alone and with the reserve's force along each axis."""
     if protocol:
         return Loading(
-            loads=protocol.loads,
+            loads=protocol.loads_on(mass),
             distance=protocol.distance,
             angle=protocol.angle,
             stiffness=protocol.stiffness,

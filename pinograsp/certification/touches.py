@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pinograsp.certification.protocols import find_protocol
 from pinograsp.certification.record import FAR_OFF
 from pinograsp.certification.setup import CertifySetup
 from pinograsp.contacts.bulk import CORNERS, BulkContacts
@@ -78,7 +79,9 @@ def find_touches(setup: CertifySetup, q: Array, roots: Array) -> PostureTouches:
     hand, options = setup.hand, setup.options
     allowed = _BEYOND * np.where(hand.slides, _LEVER, 1.0)
     excess = np.maximum(np.maximum(hand.lower - q, q - hand.upper), 0.0)
-    beyond = (excess > allowed).any(axis=1)
+    protocol = find_protocol(options.protocol)
+    lenient = protocol is not None and protocol.lenient
+    beyond = (excess > allowed).any(axis=1) & (not lenient)
     q = np.clip(q, hand.lower, hand.upper)
     bulk = setup.scene.contacts(
         q, roots, tolerance=options.tolerance, gravity_o=setup.conditions.gravity_o, threads=options.threads
@@ -97,7 +100,7 @@ def find_touches(setup: CertifySetup, q: Array, roots: Array) -> PostureTouches:
         beyond=np.asarray(beyond),
         excess=excess,
         failed=bulk.failed,
-        collision=bulk.collision,
+        collision=np.full(len(q), -1) if lenient else bulk.collision,
         gravity_torques=bulk.gravity_torques,
         depth=depth,
         antipodal_mu=_antipodal(bulk, chosen, len(q)),

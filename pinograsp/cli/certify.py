@@ -18,6 +18,7 @@ from pinograsp.cli.session import OUTPUT, REQUIRED, Session, option
 from pinograsp.errors import InvalidInput, Status
 
 if TYPE_CHECKING:
+    from pinograsp.certification import Protocol
     from pinograsp.forces import GraspConditions
     from pinograsp.sweep import Certified, DataSet
 
@@ -53,22 +54,24 @@ class MeaningOptions:
     mass: float | None = _files("Of each object \\[kg].")
     density: float | None = _files("Of each object \\[kg/m^3], where --mass is not given.")
 
-    def read(self, files: list[Path], described: HandOptions, mass: float | None) -> DataSet:
-        """The files as a data set; ``mass`` of the objects where none is given [kg]."""
+    def read(self, files: list[Path], described: HandOptions, protocol: Protocol | None) -> DataSet:
+        """The files as a data set; masses of the objects as of the ``protocol`` where none are given."""
         from pinograsp.checks import one_of
         from pinograsp.data import FORMATS
         from pinograsp.hands import load_hand
         from pinograsp.sweep import DataSet
 
         kind = "auto" if self.format == "auto" else one_of("--format", self.format, FORMATS)
-        original = self.original
+        original, mass, density = self.original, self.mass, self.density
+        if protocol is not None and mass is None and density is None:
+            mass, density = protocol.mass, protocol.density
         return DataSet(
             files=_list_files(files),
             hand=load_hand(self.hand, **described.settings()),
             objects=self.objects,
             format=kind,
-            mass=mass if self.mass is None and self.density is None else self.mass,
-            density=self.density,
+            mass=mass,
+            density=density,
             joints=read_pairs("--joint", self.joints) or None,
             frame=self.frame,
             convention=self.convention,
@@ -147,7 +150,7 @@ def certify(
     if out.resolve() in [path.resolve() for path in (meaning.objects, back) if path is not None]:
         raise InvalidInput("--out: expected a folder of its own")
     protocol = find_protocol(conditions.protocol)
-    data = meaning.read(files, described, None if protocol is None else protocol.mass)
+    data = meaning.read(files, described, protocol)
     asked: dict[str, Any] = {
         "tolerance": conditions.tolerance,
         "drives": conditions.drives,

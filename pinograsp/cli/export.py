@@ -34,6 +34,17 @@ class FileOptions:
     csv: Path | None = _file("A table: time, then each joint's position, velocity, ... (.csv).", metavar="FILE")
     ros2: Path | None = _file("A message of ROS 2: a JointTrajectory (.yaml, .json).", "--ros2", metavar="FILE")
     mujoco: Path | None = _file("MuJoCo's keyframes, controls beside them (.xml).", metavar="FILE")
+    dexgraspbench: Path | None = _file(
+        "A grasp for DexGraspBench's evaluation, in a folder of them: postures before, at and after the grasp.",
+        "--dexgraspbench",
+        metavar="DIR",
+    )
+    object_path: str | None = _file(
+        "With --dexgraspbench: the object's folder, as from its repository's root (assets/...).",
+        "--object-path",
+        metavar="PATH",
+    )
+    object_scale: float = _file("With --dexgraspbench: of the object's mesh there.", "--object-scale", default=1.0)
     followers: bool = _file("With --csv and --ros2: a column for coupled joints, too.", "--followers", default=False)
     goal: bool = _file("With --ros2: a goal of FollowJointTrajectory, not the message alone.", "--goal", default=False)
     effort: bool = _file("With --ros2: the message has the joints' torques.", default=True)
@@ -57,8 +68,13 @@ class FileOptions:
     def check(self) -> None:
         """InvalidInput for options that nothing written would heed, files without their ending, none at all."""
         places = self.places
-        if not places:
-            raise InvalidInput(f"expected one or more of {', '.join(f'{name} FILE' for name in _ENDINGS)}")
+        if not places and self.dexgraspbench is None:
+            names = ", ".join(f"{name} FILE" for name in _ENDINGS)
+            raise InvalidInput(f"expected one or more of {names}, or --dexgraspbench DIR")
+        if (self.dexgraspbench is None) is not (self.object_path is None):
+            raise InvalidInput("--dexgraspbench DIR and --object-path PATH: expected both, got one of them")
+        if places and self.dexgraspbench is not None:
+            raise InvalidInput(f"--dexgraspbench: expected it alone, got {', '.join(places)} besides")
         for name, file in places.items():
             if file.suffix not in _ENDINGS[name]:
                 endings = ", ".join(_ENDINGS[name])
@@ -68,6 +84,7 @@ class FileOptions:
             ("--goal", self.goal, ("--ros2",)),
             ("--no-effort", not self.effort, ("--ros2",)),
             ("--scene", self.scene, ("--mujoco",)),
+            ("--object-scale", self.object_scale != 1.0 and self.object_path is None, ("--dexgraspbench",)),
         ):
             if is_set and not places.keys() & set(options):
                 raise InvalidInput(f"{flag}: expected with {' or '.join(options)}, got {', '.join(places)}")
@@ -121,7 +138,7 @@ def export(
     motors: MotorOptions,
     session: Session,
 ) -> None:
-    """Hand a plan over to a controller or a simulator: any of --csv, --ros2 and --mujoco.
+    """Hand a plan over to a controller or a simulator: any of --csv, --ros2, --mujoco and --dexgraspbench.
 
     Examples:
       pinograsp export runs/paper --csv grasp.csv --ros2 grasp.yaml --rate 500
@@ -131,11 +148,19 @@ def export(
       pinograsp export runs/paper --ros2 goal.json --goal --lead 2
 
       pinograsp export runs/paper --mujoco scene.xml --scene
+
+      pinograsp export runs/mug --dexgraspbench graspdata --object-path assets/mug
     """
     files.check()
     if motors.command == "jaw" and files.mujoco is not None:
         raise InvalidInput("--mujoco: expected with --command torque, position or impedance, got jaw")
     settings = motors.settings()
+    if files.dexgraspbench is not None:
+        useless = [f"--{name}" for name in settings if name != "stiffness"] + ["--rate"] * (motors.rate != _RATE)
+        if useless:
+            raise InvalidInput(f"{', '.join(useless)}: expected with a trajectory, got --dexgraspbench")
+        _write_grasp(run, files, settings.get("stiffness"), session)
+        return
     jaws: tuple[JawCommand, ...] = ()
     if (run / _CARRY).is_file():
         useless = [f"--{name}" for name in settings]
@@ -164,6 +189,25 @@ def export(
     facts: list[Fact] = [("", line) for line in (*(jaw.describe() for jaw in jaws), *map(str.strip, others))]
     more = "" if session.verbose else "more: with -v"
     show(facts, [("What is it?", answer), *(("Written", name) for name in written.values())], more=more)
+
+
+def _write_grasp(run: Path, files: FileOptions, stiffness: Any, session: Session) -> None:
+    """Write a run's plan as a grasp of a data set, and say so."""
+    from pinograsp.handover import write_dexgraspbench
+    from pinograsp.planner import load_run
+
+    place = write_dexgraspbench(
+        load_run(run),
+        files.dexgraspbench or Path(),
+        files.object_path or "",
+        scale=files.object_scale,
+        name=run.resolve().name,
+        stiffness=stiffness,
+    )
+    if session.as_json:
+        session.print_json({"dexgraspbench": str(place)})
+        return
+    show([], [("What is it?", "a grasp with its pregrasp and squeeze postures"), ("Written", str(place))])
 
 
 def _write_plan(

@@ -122,7 +122,7 @@ def matrices_of(problem: ForceProblem, weights: Mapping[str, float]) -> Matrices
         A=A,
         correction=np.asarray(np.linalg.pinv(A, rcond=1e-10), dtype=float),
         R=R,
-        fixed=0 if under is None else 2 * len(under.rows),
+        fixed=0 if under is None else int(np.sum(under.limited_sides)),
         R_lo=R_lo,
         R_hi=R_hi,
         R_norm=R_norm,
@@ -212,9 +212,10 @@ def _torque_rows(problem: ForceProblem, torque: Array | None) -> tuple[Array, Ar
         borne = np.zeros_like(own)
         arms = np.linalg.norm(np.einsum("pn,kxn->pkx", under.rows, torques.jacobian[:, :3]), axis=2)
         borne[:, problem.friction.d - 1 :: problem.friction.d] = under.friction * arms
-        free = np.full(len(own), np.inf)
-        rows = np.concatenate([rows, own - borne, own + borne])
-        least, most = np.concatenate([least, -free, value - room]), np.concatenate([most, value + room, free])
+        above, below = under.limited_sides
+        rows = np.concatenate([rows, (own - borne)[above], (own + borne)[below]])
+        least = np.concatenate([least, np.full(int(above.sum()), -np.inf), (value - room)[below]])
+        most = np.concatenate([most, (value + room)[above], np.full(int(below.sum()), np.inf)])
     norm = np.linalg.norm(rows, axis=1)
     norm[norm <= 1e-12 * max(float(norm.max()), 1e-300)] = 1.0
     return rows / norm[:, None], least / norm, most / norm, norm

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, floats_of, instance_of, items_of, read_only, share_of, shorten
+from pinograsp.checks import array_of, brief, floats_of, frozen, instance_of, items_of, read_only, share_of, shorten
 from pinograsp.errors import InvalidInput
-from pinograsp.spatial import Array, BoolArray
+from pinograsp.spatial import Array, BoolArray, IntArray
 
 LARGEST = 1e12  # [m] or [N m]: more comes from a mistake of units; solvers would lose all digits to rounding
 _ENDLESS = 1e300  # [N m] of a torque limit: more overflows when it is scaled
@@ -26,6 +26,8 @@ class Underactuation:
         rows: combinations (p, n) of the joint torques that no drive makes, of unit length.
         torques: what springs make of them (p,) [N m].
         why: per row, the drive that is in the way (p,).
+        stops: what joints at the end of their range, which rest on it, let become of each equation (p,): 1: the left
+            side may be larger, -1: smaller, 0: it holds. Default: all hold.
         friction: share of the contacts' torques that friction in joints and tendons bears [-]: each side may be off by
             so much of the sum over contacts of F_n times its largest arm on the row.
     """
@@ -33,6 +35,7 @@ class Underactuation:
     rows: Array
     torques: Array
     why: tuple[str, ...]
+    stops: IntArray = None  # type: ignore[assignment]  # None becomes an array in __post_init__
     friction: float = 0.0
 
     __repr__ = brief()
@@ -46,6 +49,15 @@ class Underactuation:
         if len(why) != len(rows):
             raise InvalidInput(f"why of an underactuation: expected one text per row, {len(rows)}, got {len(why)}")
         object.__setattr__(self, "why", why)
+        stops = np.zeros(len(rows)) if self.stops is None else array_of("stops of them", self.stops, (len(rows),))
+        if not np.isin(stops, (-1, 0, 1)).all():
+            raise InvalidInput(f"stops of an underactuation: expected -1, 0 or 1 each, got {shorten(stops.tolist())}")
+        object.__setattr__(self, "stops", frozen(stops.astype(int)))
+
+    @property
+    def limited_sides(self) -> tuple[BoolArray, BoolArray]:
+        """Which equations limit their left side from above (p,), and from below (p,)."""
+        return self.stops <= 0, self.stops >= 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,6 +16,7 @@ from __future__ import annotations
 from pinograsp.handover.build import Sampling, joint_trajectory
 from pinograsp.handover.commands import Command, Commanding, drive_commands
 from pinograsp.handover.core_files import write_core
+from pinograsp.handover.grasp_rows import commanded_postures, grasp_rows, write_dexgraspbench
 from pinograsp.handover.jaws import JawCommand, JointTarget, gripper_message, jaw_commands, write_jaws
 from pinograsp.handover.reading import read_csv, read_ros2
 from pinograsp.handover.trajectory import JointTrajectory
@@ -27,12 +28,15 @@ __all__ = [
     "JointTarget",
     "JointTrajectory",
     "Sampling",
+    "commanded_postures",
     "drive_commands",
+    "grasp_rows",
     "gripper_message",
     "jaw_commands",
     "joint_trajectory",
     "read_csv",
     "read_ros2",
     "write_core",
+    "write_dexgraspbench",
     "write_jaws",
 ]

@@ -102,6 +102,7 @@ def _header(constants: Mapping[str, Any], name: str) -> str:
     lines.append(f"    setup.limited = {{{', '.join(map(str, constants['limited']))}}};")
     for key in ("coupling_rows", "coupled"):
         lines.append(f"    setup.{key} = {{{', '.join(_number(float(v)) for v in _flat(constants[key]))}}};")
+    lines.append(f"    setup.stops = {{{', '.join(map(str, constants['stops']))}}};")
     lines.append("    auto loop = pinograsp::core::make_online(setup);")
     for key in _INPUTS:
         if key in arrays:

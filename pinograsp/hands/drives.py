@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -242,6 +243,12 @@ def ratios_of(joints: Sequence[str], drives: Sequence[Drive]) -> tuple[Ratio, ..
     for drive in drives:
         for joint in drive.joints:
             one_of(f"joint of drive '{drive.name}'", joint, joints)
+    return _find_ratios(tuple(joints), tuple(drives))
+
+
+@functools.lru_cache(maxsize=32)
+def _find_ratios(joints: tuple[str, ...], drives: tuple[Drive, ...]) -> tuple[Ratio, ...]:
+    """As :func:`ratios_of`."""
     arms, found = transmission(joints, drives), list[Ratio]()
     left = set(range(len(joints)))
     while left:

@@ -5,15 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
 from pinograsp.hands.model import HandModel
-from pinograsp.spatial import Array, BoolArray
+from pinograsp.spatial import Array, BoolArray, IntArray
 
 # Share of the largest torque that drives, which are fewer than the joints, may leave undone: friction and reserve bear
 # a few per cent. Beyond it a plan has a caution, and its commands are refused.
 SHORTFALL = 0.05
 _ROUNDING = 1e-3  # share of the largest effort: forces lie on their limits
 _STEPS = 2.0  # of an encoder: a servo that is sent less makes its force by chance
+_AT_STOP = 1e-3  # of its range: a joint that is so near its end rests on it
 _BEARS = 0.05  # of the largest effort: drives that make less do not matter
 
 
@@ -45,13 +47,44 @@ def spring_torques(hand: HandModel, q: Array) -> Array:
     return torques
 
 
+def find_stops(hand: HandModel, q: Array) -> IntArray:
+    """Ends of their ranges that joints rest on (..., n) at ``q`` (..., n): 1 the lower, -1 the upper, 0 neither.
+
+    Of joints that share drives, or have none, alone: what presses them against their end, it bears, and not the drives.
+    """
+    sharing = np.array([ratio.row != 0 for ratio in hand.ratios]).reshape(-1, hand.n).any(axis=0)
+    room = _AT_STOP * (hand.upper - hand.lower)
+    stops: IntArray = sharing * ((q <= hand.lower + room).astype(int) - (q >= hand.upper - room).astype(int))
+    return stops
+
+
 def solve_efforts(hand: HandModel, q: Array, torques: Array) -> Efforts:
-    """The efforts of the drives that make ``torques`` (s, n) at ``q`` (s, n) best; springs make their part."""
+    """The efforts of the drives that make ``torques`` (s, n) at ``q`` (s, n) best; springs make their part, and joints
+    at the end of their range rest on it.
+    """
     wanted = torques - spring_torques(hand, q)  # torques are without the springs
-    made = hand.transmission
+    made, stops = hand.transmission, find_stops(hand, q)
     drives: Array = wanted @ np.linalg.pinv(made)
-    undone = np.abs(wanted - drives @ made).max(axis=0, initial=0.0)
-    return Efforts(drives=drives, undone=undone, largest=float(np.abs(wanted).max(initial=0.0)))
+    left = wanted - drives @ made
+    largest = float(np.abs(wanted).max(initial=0.0))
+    for stopped in np.unique(stops[stops.any(axis=1)], axis=0):
+        rows, free = (stops == stopped).all(axis=1), stopped == 0
+        # Where the other joints tell all efforts, the stops take the rest.
+        drives[rows] = wanted[rows][:, free] @ np.linalg.pinv(made[:, free])
+        left[rows] = wanted[rows] - drives[rows] @ made
+        borne = np.where(free, left[rows], np.minimum(left[rows] * stopped, 0.0) * stopped)
+        unsure = np.abs(borne).max(axis=1) > _ROUNDING * largest
+        if np.linalg.matrix_rank(made[:, free]) < np.linalg.matrix_rank(made):
+            unsure[:] = True
+        left[rows] = borne
+        pushes = np.diag(stopped)[:, ~free]
+        columns = np.column_stack([made.T, -made.T, pushes])
+        for row in np.flatnonzero(rows)[unsure]:
+            solution = nnls(columns, wanted[row])[0]
+            drives[row] = solution[: len(made)] - solution[len(made) : 2 * len(made)]
+            left[row] = wanted[row] - columns @ solution
+    undone = np.abs(left).max(axis=0, initial=0.0)
+    return Efforts(drives=drives, undone=undone, largest=largest)
 
 
 def exceed_ways(hand: HandModel, q: Array, torques: Array) -> BoolArray:

@@ -25,7 +25,17 @@ from pinograsp.checks import (
 )
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.coupling import Coupling
-from pinograsp.hands.drives import ON_DRIVES, ON_SPRINGS, Drive, Spring, checked_drives, checked_springs, transmission
+from pinograsp.hands.drives import (
+    ON_DRIVES,
+    ON_SPRINGS,
+    Drive,
+    Ratio,
+    Spring,
+    checked_drives,
+    checked_springs,
+    ratios_of,
+    transmission,
+)
 from pinograsp.hands.geometry import Shape
 from pinograsp.hands.hand_lines import beyond_effort, describe_hand
 from pinograsp.hands.mesh_file import pack_shapes, unpack_shapes
@@ -210,6 +220,11 @@ class HandModel:
         """Whether each independent joint has one motor of its own, so that its torque can be chosen by itself."""
         single = all(len(drive.joints) == 1 for drive in self.drives)
         return single and len(self.drives) == self.n and not self.passive_joints
+
+    @property
+    def ratios(self) -> tuple[Ratio, ...]:
+        """What the drives cannot choose of the joints' torques; nothing where each joint has its own."""
+        return () if self.direct_drive else ratios_of(self.joint_names, self.drives)
 
     def finger(self, name: str) -> Finger:
         """The finger called ``name``; :class:`InvalidInput` lists the names there are."""

@@ -175,6 +175,7 @@ class OnlineForces:
             "couplings": 0 if under is None else len(under.rows),
             "coupling_rows": np.zeros((0, 0)) if under is None else np.array(under.rows, dtype=float),
             "coupled": np.zeros(0) if under is None else np.array(under.torques, dtype=float),
+            "stops": [] if under is None else under.stops.tolist(),
             "borne": 0.0 if under is None else float(under.friction),
         }
 

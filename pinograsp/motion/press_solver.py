@@ -13,6 +13,7 @@ from pinograsp.contacts import PALM
 from pinograsp.contacts.penetration import Penetration
 from pinograsp.forces import ForceSolution
 from pinograsp.hands import HandModel
+from pinograsp.hands.efforts import find_stops
 from pinograsp.motion.contact_springs import Servos, describe_object_motion
 from pinograsp.motion.jacobian import point_jacobians
 from pinograsp.motion.rounds import PRESS
@@ -80,6 +81,7 @@ class PressSolver:
         self.planned = solution
         self.moving = np.zeros(hand.n, dtype=bool)
         self.moving[np.concatenate([finger.dofs for finger in hand.fingers])] = True
+        self.moving &= find_stops(hand, self.posture) == 0  # what presses them keeps them there
         self.lower, self.upper = np.minimum(hand.lower, posture), np.maximum(hand.upper, posture)
         self.rows = self._costs()
         self.start = self.at(self.posture)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, brief, instance_of
 from pinograsp.contacts import ContactSet
 from pinograsp.hands import HandModel
+from pinograsp.hands.efforts import find_stops
 from pinograsp.motion.jacobian import contact_jacobians
 from pinograsp.spatial import Array, cross
 
@@ -51,11 +52,13 @@ def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> Pr
     """
     model, data = instance_of("hand", hand, HandModel).model, hand.model.createData()
     instance_of("contacts", contacts, ContactSet)
-    pin.computeJointJacobians(model, data, array_of("q", q, (hand.n,)))
+    posture = array_of("q", q, (hand.n,))
+    pin.computeJointJacobians(model, data, posture)
     normals = np.array([contact.normal_o for contact in contacts])
     moves = np.einsum("kx,kxn->kn", normals, contact_jacobians(hand, contacts, data)[:, :3])
     pressing = np.concatenate([finger.dofs for finger in hand.fingers])  # not joints before the palm, of a wrist
     moves[:, np.setdiff1d(np.arange(hand.n), pressing)] = 0.0
+    moves[:, find_stops(hand, posture) != 0] = 0.0
     moves[:, np.abs(moves).max(axis=0) < HARDLY] = 0.0
     arms = np.array([contact.point_o for contact in contacts]) - contacts.com_o
     shifts = np.column_stack([normals, cross(arms, normals)])

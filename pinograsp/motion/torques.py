@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
+from scipy.linalg import null_space
 
 from pinograsp.checks import array_of, each_of, floats_of, frozen, instance_of, shorten
 from pinograsp.contacts import ContactSet
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import TorqueLimit, TorqueLimits, Underactuation
 from pinograsp.forces.conditions import given_limit
-from pinograsp.hands import Finger, HandModel, ratios_of, servo_gains
-from pinograsp.hands.efforts import spring_torques
+from pinograsp.hands import Finger, HandModel, servo_gains
+from pinograsp.hands.efforts import find_stops, spring_torques
 from pinograsp.motion.jacobian import contact_jacobians, contact_points, point_jacobian
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, BoolArray
 
 # Weighed in benchmarks/forgiving.py: motion of a joint [rad] that takes all of its torque or doubles it while the hand
 # closes, a centimetre at a fingertip; and the gain of joints that bear next to nothing [N m/rad].
@@ -148,21 +149,46 @@ def torques_matter(hand: HandModel, limit: Array | None) -> bool:
     if limit is None:
         return False
     limit = floats_of("torque limit", limit)
-    return bool(np.isfinite(limit).any()) or (not hand.direct_drive and bool(ratios_of(hand.joint_names, hand.drives)))
+    return bool(np.isfinite(limit).any() or hand.ratios)
 
 
 def _underactuation(hand: HandModel, q: Array, jacobian: Array) -> Underactuation | None:
     """What the drives of ``hand`` cannot choose of the torques at q (n,), its springs stretched; None: nothing.
 
-    Joints that no contact loads, together with all that their drives move, settle elsewhere: they are left out.
+    Joints that no contact loads, together with all that their drives move, settle elsewhere: they are left out. Joints
+    at the end of their range rest on it.
     """
-    ratios = () if hand.direct_drive else ratios_of(hand.joint_names, hand.drives)
-    ratios = tuple(ratio for ratio in ratios if np.abs(jacobian @ ratio.row).max(initial=0.0) > _NONE)
+    ratios = tuple(ratio for ratio in hand.ratios if np.abs(jacobian @ ratio.row).max(initial=0.0) > _NONE)
     if not ratios:
         return None
-    rows = np.array([ratio.row for ratio in ratios])
-    why = tuple(ratio.why for ratio in ratios)
-    return Underactuation(rows=rows, torques=rows @ spring_torques(hand, q), why=why, friction=DRY_FRICTION)
+    rows, why, stops = np.array([ratio.row for ratio in ratios]), [ratio.why for ratio in ratios], find_stops(hand, q)
+    for drive in set(why) if stops.any() else ():
+        same = np.array([one == drive for one in why])
+        rows[same] = _one_row_each(rows[same], stops != 0)
+    pushes = rows * stops
+    more, less = (pushes > _NONE).any(axis=1), (pushes < -_NONE).any(axis=1)
+    kept = np.flatnonzero(~(more & less))
+    if not len(kept):
+        return None
+    return Underactuation(
+        rows=rows[kept],
+        torques=rows[kept] @ spring_torques(hand, q),
+        why=tuple(why[i] for i in kept),
+        stops=(more.astype(int) - less)[kept],
+        friction=DRY_FRICTION,
+    )
+
+
+def _one_row_each(rows: Array, stopped: BoolArray) -> Array:
+    """As many combinations of rows (p, n), of unit length: each of the ``stopped`` joints (n,) in one of them alone, as
+    far as there are enough.
+    """
+    joints = np.flatnonzero(stopped & (np.abs(rows) > _NONE).any(axis=0))[: len(rows)]
+    if not len(joints) or np.linalg.matrix_rank(rows[:, joints]) < len(joints):
+        return rows
+    own = np.linalg.pinv(rows[:, joints]) @ rows
+    combined = np.concatenate([own, null_space(rows[:, joints].T).T @ rows])
+    return np.asarray(combined / np.linalg.norm(combined, axis=1, keepdims=True))
 
 
 def preload_slope(

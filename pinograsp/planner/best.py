@@ -21,6 +21,7 @@ from pinograsp.errors import (
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import servo_gains
 from pinograsp.plan.answer import SIMULATED
+from pinograsp.planner.as_commanded import turn_as_commanded
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
@@ -50,7 +51,8 @@ def plan_best(
     Those whose contacts slide far while they press, lie on edges or press past them, those in which other links press
     on the object, too, those whose forces come out other than planned, and those in which the hand's own servos and the
     contacts let the object go, or give way far to the push of the reserve (:meth:`GraspPlan.object_stiffness`), come
-    after the others; of firm ones, those that keep more of what is 5 mm and 5 deg off its place come first.
+    after the others; of firm ones, those that keep more of what is 5 mm and 5 deg off its place come first, and, in
+    hands of position servos of known stiffness, those in which the push turns the object less.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -86,6 +88,7 @@ def plan_best(
         faults = _count_faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
         tolerance = tell_tolerance(plan, closure, quick=True)
         lost = 0.0 if tolerance is None else 1.0 - tolerance.kept
+        lost += turn_as_commanded(plan) if plan.status is Status.OK else 0.0
         if check and plan.status is Status.OK:
             plan, held = _check(plan)
             faults += 0 if held else _MOST_FAULTS

@@ -139,7 +139,8 @@ def free_drives(problem: ForceProblem, why: str | None = None) -> ForceProblem:
         return problem
     under = torques.underactuation
     left = [i for i, own in enumerate(under.why) if why is not None and own != why]
-    kept = replace(under, rows=under.rows[left], torques=under.torques[left], why=tuple(under.why[i] for i in left))
+    why_left = tuple(under.why[i] for i in left)
+    kept = replace(under, rows=under.rows[left], torques=under.torques[left], why=why_left, stops=under.stops[left])
     return replace(problem, torques=replace(torques, underactuation=kept if left else None))
 
 

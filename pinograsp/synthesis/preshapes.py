@@ -1,8 +1,9 @@
 """How a hand can close on something between its fingers: open postures in which the fingertips oppose each other.
 
 Joints that flex a finger close it; the others (abduction, opposition) only turn it, so they are sampled over their
-range. A posture is good where the directions in which the fingertips close balance: forces along them, all pressing,
-add up to no force and no moment. Nothing but the tree and the collision geometry is used.
+range. Of joints that share a drive, a fingertip presses all but the last one open: in half of the postures these are at
+the end of their range. A posture is good where the directions in which the fingertips close balance: forces along them,
+all pressing, add up to no force and no moment. Nothing but the tree and the collision geometry is used.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_points
 from pinograsp.objects.body import tangents
-from pinograsp.spatial import Array, cross
+from pinograsp.spatial import Array, BoolArray, cross
 
 _ROOM = 0.08  # of its range that a turning joint keeps from its stop: approaches swing back a little before they close
 _SHARES = np.linspace(0.1, 1.0, 13)  # of the way from open to closed, at which fingertips are looked at
 _AHEAD = 0.5  # of the way that a finger is ahead of, or behind, a mean one at most
 _WIDTHS, _REFINED, _TURNS, _AWAY = 12, 3, 30, 0.1  # widths of which the best are refined, how many, how often, how far
 _DRAWS = 6  # of the joints that spread fingers
+_BESIDE, _PARALLEL = 0.8, 0.9  # cosines: of the way to a finger beside another with their axes, and of these
 _PASSED = 1e-3  # [m] by which fingertips may have passed each other
 _LEAN, _EDGES = np.radians(25.0), 6  # of the forces that fingertips are taken to make
 
@@ -44,6 +46,7 @@ class Preshape:
         depth: distance of the centre from the fingers' bases along ``out_h`` [m].
         width: of what would lie between the fingertips there [m].
         imbalance: what is left of the fingers' unit forces [-]: 0 where they oppose each other exactly.
+        yielded: whether joints that share a drive with one nearer to the fingertip are where this presses them.
     """
 
     opened: Array
@@ -55,6 +58,7 @@ class Preshape:
     depth: float
     width: float
     imbalance: float
+    yielded: bool
 
     __repr__ = brief()
 
@@ -71,12 +75,15 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60, u
     tips, collisions = _Tips(hand), SelfCollisions(hand)
     found: list[Preshape] = []
     spreads = tips.spreads
-    for i in range(samples if len(spreads) or uneven else 1):
-        middle = tips.middle.copy()
-        opened, closed = tips.ends(middle)
-        for _ in range(_DRAWS if i else 0):  # until the open fingers do not hit each other
-            middle[spreads] = rng.uniform(tips.low[spreads], tips.high[spreads])
-            opened, closed = tips.ends(middle)
+    varied = len(spreads) or uneven
+    for i in range(samples if varied else 1 + tips.yielding.any()):
+        middle, yielded = tips.middle.copy(), i % 2 == 1
+        opened, closed = tips.ends(middle, yielded)
+        for _ in range(_DRAWS if i and varied else 0):  # until the open fingers do not hit each other
+            drawn = rng.uniform(tips.low[spreads], tips.high[spreads])
+            share = np.where(tips.flanked[spreads], rng.uniform(), 1.0)  # spread far they hit each other
+            middle[spreads] = tips.middle[spreads] + share * (drawn - tips.middle[spreads])
+            opened, closed = tips.ends(middle, yielded)
             if not collisions.between(tips.middle, opened):
                 break
         ahead = tips.ahead(rng) if uneven else np.zeros(hand.n)
@@ -86,10 +93,12 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60, u
 
 
 def free_of_themselves(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:
-    """The preshapes whose links do not hit each other where the fingertips meet; some overlap by design, anywhere."""
+    """The preshapes whose links hit each other neither before they close nor where the fingertips meet; some overlap by
+    design, anywhere.
+    """
     middle = np.clip(hand.resting, hand.lower, hand.upper)
     collisions = SelfCollisions(hand)
-    return [one for one in shapes if not collisions.between(middle, one.met)]
+    return [one for one in shapes if not collisions.after(middle, np.stack([one.opened, one.met]))]
 
 
 def refine(hand: HandModel, shapes: list[Preshape], rng: np.random.Generator) -> list[Preshape]:
@@ -138,7 +147,10 @@ class _Tips:
         # Where the fingers' chains part, whatever arm or forearm the file has behind that.
         self.base = np.mean([self.data.oMi[joint].translation for joint in first], axis=0)
         self.flexion = self._flexion()
+        self.beside = np.eye(len(self.fingers), dtype=bool)
         self.towards = self._towards()
+        self.yielding = self._yielding()
+        self.flanked = self.own[(self.beside.sum(axis=1) > 1)].any(axis=0)  # joints of fingers beside others
         fingers = np.unique(np.concatenate([dofs for _, dofs in self.fingers]))
         self.spreads = fingers[~self.flexion[fingers]]  # joints of a wrist stay
 
@@ -175,13 +187,48 @@ class _Tips:
             centre = at.mean(axis=0)
             for (joint, dofs), tip in zip(self.fingers, at):
                 towards[dofs] += (self._jacobian(joint, tip).T @ (centre - tip))[dofs]
-        return np.where(self.flexion, np.where(towards >= 0, 1.0, -1.0), 0.0)
+        return np.where(self.flexion, np.where(towards * self._mend(towards) >= 0, 1.0, -1.0), 0.0)
 
-    def ends(self, middle: Array) -> tuple[Array, Array]:
-        """Open and closed posture (n,), (n,) with the other joints as in ``middle``."""
+    def _mend(self, towards: Array) -> Array:
+        """Signs (n,): -1 for the joints of fingers that would close the other way than those beside them, which turn
+        about the same direction. Notes which fingers are beside which (f, f).
+        """
+        self._put(self.middle)
+        bases = np.array([self.data.oMi[joint].translation for joint, _ in self.fingers])
+        axes, closing = np.zeros(bases.shape), np.zeros(len(bases))
+        for k, (joint, dofs) in enumerate(self.fingers):
+            columns = pin.getJointJacobian(self.hand.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED)
+            turns = columns.reshape(6, -1)[3:, dofs] * self.flexion[dofs]
+            axes[k] = turns[:, -1]
+            closing[k] = towards[dofs] @ np.sign(axes[k] @ turns)
+        signs, alike = np.ones(self.hand.n), axes @ axes.T
+        ways = bases[:, None] - bases
+        along = np.abs(np.einsum("klx,lx->kl", ways, axes)) >= _BESIDE * np.linalg.norm(ways, axis=2)
+        self.beside = along & (np.abs(alike) > _PARALLEL)
+        for k, (_, dofs) in enumerate(self.fingers):
+            others = np.sign(alike[:, k] * self.beside[:, k]) @ closing
+            if others * closing[k] < 0 and self.own[:, dofs].sum(axis=0).max() == 1:
+                signs[dofs] = -1.0
+        return signs
+
+    def _yielding(self) -> BoolArray:
+        """Which joints (n,) share a drive with a joint nearer to their fingertip, so that this presses them open."""
+        yielding = np.zeros(self.hand.n, dtype=bool)
+        for ratio in self.hand.ratios:
+            for _, dofs in self.fingers:
+                yielding[dofs[(ratio.row[dofs] != 0) & self.flexion[dofs]][:-1]] = True
+        return yielding
+
+    def ends(self, middle: Array, yielded: bool = False) -> tuple[Array, Array]:
+        """Open and closed posture (n,), (n,) with the other joints as in ``middle``; ``yielded``: with the joints that
+        their fingertip presses open where that leads.
+        """
         closing = self.towards > 0
         opened = np.where(self.flexion, np.where(closing, self.low, self.high), middle)
         closed = np.where(self.flexion, np.where(closing, self.hand.upper, self.hand.lower), middle)
+        if yielded:
+            stop = np.where(closing, self.hand.lower, self.hand.upper)
+            opened, closed = (np.where(self.yielding, stop, q) for q in (opened, closed))
         return opened, closed
 
     def ahead(self, rng: np.random.Generator) -> Array:
@@ -196,7 +243,8 @@ class _Tips:
         opened, closed = one.opened.copy(), one.closed.copy()
         moving = np.concatenate([dofs for _, dofs in self.fingers])
         opened[moving] += size * rng.normal(size=len(moving)) * (self.high - self.low)[moving]
-        opened = np.clip(opened, self.low, self.high)
+        yielded = self.yielding & (one.opened == one.closed)
+        opened = np.where(yielded, one.opened, np.clip(opened, self.low, self.high))
         closed[self.spreads] = opened[self.spreads]
         way = closed - opened
         shares = np.divide(one.met - one.opened, way, out=np.zeros(self.hand.n), where=np.abs(way) > 1e-9)
@@ -206,7 +254,7 @@ class _Tips:
         # Joints begin at most halfway, so that the hand still opens wider than what it is to close on.
         half = (self.ends(opened)[0] + met) / 2
         early = np.where(self.towards > 0, np.minimum(opened, half), np.maximum(opened, half))
-        return self.preshape(np.where(self.flexion, early, opened), closed, met)
+        return self.preshape(np.where(self.flexion & ~yielded, early, opened), closed, met)
 
     def preshape(self, opened: Array, closed: Array, met: Array) -> Preshape | None:
         """The preshape whose fingertips meet at a posture (n,) on the way; None where none of them move."""
@@ -270,6 +318,7 @@ class _Tips:
             depth=depth,
             width=max(0.0, width),
             imbalance=imbalance,
+            yielded=bool((self.yielding & (opened == closed)).any()),
         )
 
 

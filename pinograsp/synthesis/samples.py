@@ -20,6 +20,7 @@ from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.errors import InvalidInput, PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
+from pinograsp.hands.efforts import find_stops
 from pinograsp.hands.geometry import hulls
 from pinograsp.objects.body import Body, tangents
 from pinograsp.plan.tolerance import PoseError
@@ -85,7 +86,7 @@ def make_search_case(
     good = _usable(rough, shapes)
     if len(good) < _ENOUGH and not cannot_stop_alone(hand):
         shapes += preshapes(rough, rng, uneven=True)
-        shapes += refine(rough, shapes, rng)
+        shapes += refine(rough, [one for one in shapes if one.yielded] or shapes, rng)
         good = _usable(rough, shapes)
     if len(good) < _NEAREST:
         good = sorted(shapes, key=lambda one: one.imbalance)[: 4 * _NEAREST]
@@ -210,13 +211,15 @@ class Tried(NamedTuple):
 
 def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried:
     """The outcome of closing a hand where it is; ``quick``: as one of many."""
+    apart = np.clip(case.hand.resting, case.hand.lower, case.hand.upper)
+    if hit := case.collisions.between(apart, posed.opened):
+        return Tried(f"open fingers collide ({_name_pair(hit[0])})")
     try:
         closure = _closure(case, posed)
     except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
         return Tried("the hand could not be closed")
     if closure.self_collisions:
-        one, other = (printable(link, 60) for link in closure.self_collisions[0])
-        return Tried(f"fingers collide ({one} with {other})")
+        return Tried(f"fingers collide ({_name_pair(closure.self_collisions[0])})")
     if not _above(case, posed.hand, np.linspace(posed.opened, closure.q, _LOOKS)):
         return Tried("the hand would hit the table")
     outside = max(_outside(case, closure).values(), default=0.0)
@@ -232,6 +235,12 @@ def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried
         return Tried(outcome, grasp)
     _, imbalance = balance(*(np.array([getattr(one, at) for one in touching]) for at in ("point_o", "normal_o")))
     return Tried(outcome, imbalance=imbalance)
+
+
+def _name_pair(links: tuple[str, str]) -> str:
+    """Two links in words."""
+    one, other = (printable(link, 60) for link in links)
+    return f"{one} with {other}"
 
 
 def _find_room(case: SearchCase, pose: Array, opened: Array) -> float:
@@ -288,12 +297,15 @@ def _outside(case: SearchCase, closure: Closure) -> dict[str, float]:
 def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | None:
     """A hand clear of the object, its fingertips about two surfaces that face each other; None: not found."""
     pairs, body = case.pairs, case.body
-    widths = np.array([one.width for one in case.preshapes])
-    for _ in range(_DRAWS if case.preshapes else 0):
+    # Fingertips press joints that give way along a drive open; fingers that wrap close them.
+    fitting = tuple(one for one in case.preshapes if one.yielded is not case.wrap)
+    shapes = fitting if len(fitting) >= _NEAREST // 2 else case.preshapes
+    widths = np.array([one.width for one in shapes])
+    for _ in range(_DRAWS if shapes else 0):
         # Pairs near the centre of mass are drawn more often: there the weight turns nothing.
         i = min(int(rng.exponential(len(pairs.widths) / 4)), len(pairs.widths) - 1)
         nearest = np.argsort(np.abs(widths - pairs.widths[i]), kind="stable")[:_NEAREST]
-        shape = case.preshapes[int(rng.choice(nearest))]
+        shape = shapes[int(rng.choice(nearest))]
         axis = pairs.axes_o[i] if rng.random() < 0.5 else -pairs.axes_o[i]
         frame = _across(axis, rng.uniform(0, 2 * np.pi))
         deep = rng.uniform(0, 1) * shape.depth if rng.random() < _DEEP else 0.0
@@ -354,7 +366,7 @@ def _move(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float)
     pose[:3, 3] += size * _MOVE * body.bounding_radius * rng.normal(size=3)
     hand = posed.hand
     spread = np.isin(np.arange(hand.n), np.concatenate([finger.dofs for finger in hand.fingers]))
-    spread &= posed.opened == posed.closed
+    spread &= (posed.opened == posed.closed) & (find_stops(hand, posed.opened) == 0)
     by = np.where(spread, size * _SPREAD * rng.normal(size=hand.n) * (hand.upper - hand.lower), 0.0)
     opened, closed = (np.clip(q + by, hand.lower, hand.upper) for q in (posed.opened, posed.closed))
     return Posed(case.rough.placed(pose), opened, closed)

@@ -41,7 +41,7 @@ def axial(push=(0.0, 0.0, 0.1), **changes):
         mu=MU,
         torsion=1e-4,
         stiffness=CONTACT,
-        pushes=np.array([push]),
+        pulls=np.array([push]) / BALL.mass,
         distance=0.02,
         **changes,
     )
@@ -155,3 +155,56 @@ def test_one_reason_for_half_of_the_grasps_comes_with_what_would_change_it(path)
     assert (found.reason == Status.PENETRATES.code).all() and "--tolerance" in found.describe()
     beyond = certify(hand, BALL, q + 1.0, pg.GraspConditions(mu=MU))
     assert (beyond.reason == Status.JOINT_LIMIT.code).all() and "slide0 by" in beyond.words(0)
+
+
+# -- other people's tests ----------------------------------------------------------------------------------------------
+
+
+def test_protocols_ask_what_they_say():
+    assert set(PROTOCOLS) == {"dexgraspbench", "dexgraspnet", "acronym", "graspgen"}
+    for protocol in PROTOCOLS.values():
+        assert (protocol.mass is None) is not (protocol.density is None)
+        assert protocol.loads_on(2.0)[:, :3] == pytest.approx(2.0 * protocol.pulls)
+        assert np.abs(protocol.pulls.sum(axis=0)).max() == 0  # both ways of each axis
+    assert np.linalg.norm(PROTOCOLS["dexgraspbench"].loads_on(0.1), axis=1) == pytest.approx(np.ones(6))
+
+
+def test_a_protocol_has_servos_of_its_own(path):
+    """Of springs in series, those of the protocol's servos and not of the hand's: 1000 N/m against 2e4 of a contact."""
+    protocol = replace(PROTOCOLS["dexgraspnet"], pulls=np.zeros((1, 3)))
+    found = told(path, drives(limit=0.1), protocol)
+    assert found.pressed.max(axis=1) == pytest.approx(AHEAD / (1 / 1000.0 + 1 / protocol.stiffness), rel=0.02)
+
+
+def test_lenient_protocols_tell_what_others_refuse(path):
+    hand = pg.load_hand(path, drives=drives())
+    q = np.array(close_hand(hand, BALL).q)[None]
+    q[0, 0] = hand.upper[0] + 0.03
+    strict, lenient = PROTOCOLS["dexgraspbench"], PROTOCOLS["dexgraspnet"]
+    refused = certify(hand, BALL, q, strict.conditions(), protocol=strict)
+    assert refused.reason[0] == Status.JOINT_LIMIT.code
+    given = certify(hand, BALL, q, lenient.conditions(), protocol=lenient)
+    assert given.reason[0] != Status.JOINT_LIMIT.code and f"{hand.joint_names[0]} by" in given.words(0)
+
+
+def test_jaws_of_a_protocol_are_told_to_close():
+    """Without positions in the file: they press with their motor's limit, and the object goes where both do."""
+    hand, protocol = pg.load_hand("panda"), PROTOCOLS["acronym"]
+    ball = pg.Sphere(radius=0.02, mass=0.05)
+    roots = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (2, 1, 1))
+    roots[:, 2, 3] = 0.1034
+    roots[1, 1, 3] = 0.005  # off the middle
+    certifier = Certifier(hand, ball, protocol.conditions(), protocol=protocol)
+    found = certifier.jaws(roots)
+    assert found.held_as_commanded.all(), found.words(1)
+    assert found.pressed.max(axis=1) == pytest.approx(np.full(2, 70.0), rel=0.1)
+    assert found.moved[1] > 0.004
+
+
+def test_a_weight_without_a_reserve_that_nothing_holds():
+    hand = pg.load_hand("panda")
+    sheet = pg.Box(size=(0.2, 0.01, 0.2), mass=5.0)
+    root = np.diag([1.0, -1.0, -1.0, 1.0])
+    root[2, 3] = 0.19
+    found = Certifier(hand, sheet, pg.GraspConditions(mu=0.05, reserve=None)).jaws(root[None])
+    assert not found.held[0]

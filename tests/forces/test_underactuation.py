@@ -24,7 +24,7 @@ from pinograsp.forces import (
 IMPACT, JOINTS = 0.9, 5
 
 
-def underactuated(seed, rows, *, off=0.0, friction=0.0):
+def underactuated(seed, rows, *, off=0.0, friction=0.0, stops=None):
     """A random grasp whose torques keep to ``rows`` equations, which some admissible forces do where ``off`` is 0."""
     rng = np.random.default_rng([31, seed])
     problem = random_grasps.random_grasp(seed, family="cone", k=6, torques=False, degenerate="", load="plain").problem
@@ -44,7 +44,7 @@ def underactuated(seed, rows, *, off=0.0, friction=0.0):
     combinations = rng.normal(size=(rows, JOINTS))
     combinations /= np.linalg.norm(combinations, axis=1)[:, None]
     value = combinations @ torques + off + 1e-3 * rng.normal(size=rows)
-    under = Underactuation(rows=combinations, torques=value, why=("a tendon",) * rows, friction=friction)
+    under = Underactuation(rows=combinations, torques=value, why=("a tendon",) * rows, friction=friction, stops=stops)
     limits = TorqueLimits(jacobian=jacobian, bias=bias, limit=np.full(JOINTS, np.inf), underactuation=under)
     return replace(problem, torques=limits)
 
@@ -68,7 +68,9 @@ def in_cvxpy(problem, objective, loads=None):
             if torques.underactuation is not None:
                 under = torques.underactuation
                 arms = np.array([[np.linalg.norm(row @ J[:3].T) for J in torques.jacobian] for row in under.rows])
-                conditions.append(cp.abs(under.rows @ tau - under.torques) <= under.friction * arms @ F)
+                left, borne = under.rows @ tau - under.torques, under.friction * arms @ F
+                conditions += [left[i] <= borne[i] for i in range(len(under.rows)) if under.stops[i] != 1]
+                conditions += [left[i] >= -borne[i] for i in range(len(under.rows)) if under.stops[i] != -1]
     conditions += [low <= F, high >= F]
     cost = cp.max(F) if objective == "peak" else cp.sum_squares(F) + cp.sum_squares(own)
     program = cp.Problem(cp.Minimize(cost), conditions)
@@ -94,6 +96,20 @@ def test_least_cost_with_equations_on_the_torques(seed, rows, friction, objectiv
         arms = np.linalg.norm(np.einsum("pn,kxn->pkx", under.rows, problem.torques.jacobian[:, :3]), axis=2)
         left = left - friction * arms @ found.normal_forces
     assert left.max() < 1e-5 * np.linalg.norm(problem.load)
+
+
+@pytest.mark.parametrize("stops", [(1, -1), (-1, 0), (1, 1)])
+@pytest.mark.parametrize("seed", range(6))
+def test_joints_at_their_ends_bear_one_side(seed, stops):
+    problem = underactuated(seed, 2, off=0.05, friction=0.01, stops=stops)
+    found, expected = optimize_forces(problem, IMPACT, objective="peak"), in_cvxpy(problem, "peak")
+    if not np.isfinite(expected):
+        assert found.status is Status.INFEASIBLE
+        return
+    assert found.status is Status.OK and found.certificate.objective == pytest.approx(expected, rel=1e-5)
+    under = problem.torques.underactuation
+    strict = replace(problem.torques, underactuation=replace(under, stops=None))
+    assert in_cvxpy(replace(problem, torques=strict), "peak") >= expected - 1e-6
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -141,6 +157,9 @@ def test_equations_of_the_wrong_size_are_refused():
         Underactuation(rows=np.zeros(3), torques=np.zeros(1), why=("x",))
     with pytest.raises(InvalidInput, match="one text per row"):
         Underactuation(rows=np.zeros((2, 3)), torques=np.zeros(2), why=("x",))
+    for wrong in ([2], [0.5], [0, 0], "up"):
+        with pytest.raises(InvalidInput, match="stops"):
+            Underactuation(rows=np.zeros((1, 3)), torques=np.zeros(1), why=("x",), stops=wrong)
     three = Underactuation(rows=np.zeros((1, 3)), torques=np.zeros(1), why=("x",))
     with pytest.raises(InvalidInput, match="expected 4 torques, got 3"):
         TorqueLimits(jacobian=np.zeros((2, 6, 4)), bias=np.zeros(4), limit=np.ones(4), underactuation=three)

@@ -15,6 +15,7 @@ from shipped_hands import loaded
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands import Drive, HandModel, Spring, load_hand
 from pinograsp.hands.catalogue import CATALOGUE, file_of
+from pinograsp.hands.efforts import find_stops, solve_efforts
 from pinograsp.hands.record import hand_of, hand_record
 from pinograsp.hands.summary import record
 
@@ -580,3 +581,54 @@ def test_descriptions_list_the_drives(tmp_path):
         "sources": [],
     }
     assert data["drives"][1]["limit"] is None
+
+
+# -- joints at the end of their range ----------------------------------------------------------------------------------
+
+
+def tendon_finger(tmp_path, joints=2):
+    """A finger whose joints, of 0 to 1 rad, one tendon pulls, and a finger of one joint with its own motor."""
+    ball, parent = "sphere 0.01", "palm"
+    parts = [link("palm", 0.1, ball), link("other", 0.05, ball, at="0 0 0.02")]
+    parts.append(joint("own", "palm", "other", "0.05 0 0", "0 1 0", "0 1 5 5"))
+    for i in range(joints):
+        parts.append(link(f"part{i}", 0.05, ball, at="0 0 0.02"))
+        parts.append(joint(f"bend{i}", parent, f"part{i}", "0 0 0.04", "0 1 0", "0 1 5 5"))
+        parent = f"part{i}"
+    path = tmp_path / "tendon.urdf"
+    path.write_text(robot("tendon", *parts), encoding="utf-8")
+    bends = tuple(f"bend{i}" for i in range(joints))
+    drives = [Drive(name="tendon", joints=bends, arms=(0.02,) * joints), Drive(name="m", joints=("own",), arms=(1.0,))]
+    return load_hand(path, drives=drives), [*bends, "own"]
+
+
+def in_order(hand, names, values):
+    return np.array([dict(zip(names, values))[name] for name in hand.joint_names], dtype=float)
+
+
+def test_ends_of_ranges_bear_what_presses_joints_against_them(tmp_path):
+    hand, names = tendon_finger(tmp_path)
+    free = in_order(hand, names, [0.5, 0.5, 0.0])
+    low, high = in_order(hand, names, [0.0, 0.5, 0.0]), in_order(hand, names, [0.5, 1.0, 0.0])
+    assert not find_stops(hand, free).any()  # the joint with a motor of its own never rests
+    assert find_stops(hand, low).tolist() == in_order(hand, names, [1, 0, 0]).tolist()
+    assert find_stops(hand, high).tolist() == in_order(hand, names, [0, -1, 0]).tolist()
+    # What is asked of the two joints and the motor, and the tendon's pull and what is left of it, at these postures.
+    for q, asked, pull, left in (
+        (free, (3.0, 1.0), 2.0 / 0.02, 1.0),
+        (low, (3.0, 1.0), 1.0 / 0.02, 0.0),  # the end bears 2 N m
+        (low, (1.0, 3.0), 2.0 / 0.02, 1.0),  # it cannot pull
+        (high, (3.0, 1.0), 3.0 / 0.02, 0.0),
+        (high, (1.0, 3.0), 2.0 / 0.02, 1.0),
+    ):
+        found = solve_efforts(hand, q[None], in_order(hand, names, [*asked, 0.7])[None])
+        assert found.drives[0] == pytest.approx([pull, 0.7]) and found.undone.max() == pytest.approx(left, abs=1e-9)
+
+
+def test_a_tendon_over_three_joints_rests_on_two(tmp_path):
+    hand, names = tendon_finger(tmp_path, 3)
+    q = in_order(hand, names, [0.0, 0.0, 0.5, 0.2])
+    found = solve_efforts(hand, q[None], in_order(hand, names, [5.0, 2.0, 1.0, 0.1])[None])
+    assert found.drives[0] == pytest.approx([50.0, 0.1]) and found.undone.max() < 1e-9
+    short = solve_efforts(hand, q[None], in_order(hand, names, [5.0, 0.5, 1.0, 0.1])[None])
+    assert short.drives[0] == pytest.approx([37.5, 0.1]) and short.undone.max() == pytest.approx(0.25)

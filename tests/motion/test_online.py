@@ -68,7 +68,9 @@ class Oracle:
             limits.append(cp.abs(tau[torques.limited]) <= torques.limit[torques.limited])
             if (under := torques.underactuation) is not None:
                 arms = np.array([[np.linalg.norm(row @ J[:3].T) for J in torques.jacobian] for row in under.rows])
-                limits.append(cp.abs(under.rows @ tau - under.torques) <= under.friction * arms @ self.f[:, 2])
+                left, borne = under.rows @ tau - under.torques, under.friction * arms @ self.f[:, 2]
+                limits += [left[i] <= borne[i] for i in range(len(under.rows)) if under.stops[i] != 1]
+                limits += [left[i] >= -borne[i] for i in range(len(under.rows)) if under.stops[i] != -1]
         scale = np.append(np.ones(3), np.full(3, 1 / arm))
         wrench = problem.contacts.G @ cp.reshape(self.f, (3 * k,), order="C") + self.load
         turn = problem.contacts.rotations_oc[:, :, 2].T @ self.m
@@ -436,14 +438,14 @@ def test_couplings_of_drives(name):
     load, limit = np.array(problem.load), np.full(hand.n, np.inf)
     usual = pg.OnlineForces(problem, hand=hand, q=q, normal_forces=(0.02, 30.0)).step(load)[1].copy()
     loaded = np.flatnonzero(np.abs(pg.torque_limits(hand, problem.contacts, q, limit=1.0).jacobian).max(axis=(0, 1)))
-    for share, friction in ((0.0, 0.0), (0.5, 0.1), (300.0, 0.05)):
+    for share, friction, stops in ((0.0, 0.0, None), (0.5, 0.1, None), (300.0, 0.05, None), (2.0, 0.05, (1, -1))):
         limit[loaded[::4]] = 0.7 * np.maximum(np.abs(usual[loaded[::4]]), 0.05) if friction else np.inf
         rows = np.zeros((2, hand.n))
         for row in rows:  # one motor at two joints, which one or several contacts load
             row[rng.choice(loaded, 2, replace=False)] = rng.uniform(0.5, 1.0, 2) * [1, -1]
             row /= np.linalg.norm(row)
         value = rows @ usual + share * 0.01 * rng.normal(size=2)
-        under = Underactuation(rows=rows, torques=value, why=("one motor",) * 2, friction=friction)
+        under = Underactuation(rows=rows, torques=value, why=("one motor",) * 2, friction=friction, stops=stops)
 
         def torques_at(posture, limit=limit, under=under):
             found = pg.torque_limits(hand, problem.contacts, posture, limit=limit)
@@ -466,7 +468,9 @@ def test_couplings_of_drives(name):
             assert status is Status.OK and left <= 1e-8 * np.linalg.norm(asked)
             assert forces == pytest.approx(best, abs=1e-3 * np.abs(best).max())
             arms = np.linalg.norm(np.einsum("pn,kxn->pkx", rows, torques_at(other).jacobian[:, :3]), axis=2)
-            off = np.abs(rows @ torques - value) - friction * arms @ forces[:, 2]
+            left, borne = rows @ torques - value, friction * arms @ forces[:, 2]
+            above, below = under.limited_sides
+            off = np.concatenate([(left - borne)[above], (-left - borne)[below]])
             assert off.max() <= 1e-5 * np.linalg.norm(asked)
     assert counts["held"] >= 4, counts
 

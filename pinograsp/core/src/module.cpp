@@ -823,6 +823,7 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         .def_rw("joints", &OnlineSetup::joints)
         .def_rw("limited", &OnlineSetup::limited)
         .def_rw("couplings", &OnlineSetup::couplings)
+        .def_rw("stops", &OnlineSetup::stops)
         .def_rw("borne", &OnlineSetup::borne)
         .def_prop_rw(
             "links",

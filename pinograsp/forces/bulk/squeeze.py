@@ -133,9 +133,9 @@ def find_hopeless(
 
     Proven for twice the largest F_n, to which the contacts as springs add ``changes`` (N, k, m) [N].
     """
-    n, m = len(grips.points), len(wrenches)
+    n, m, k = len(grips.points), len(wrenches), grips.used.shape[1]
     high = 2.0 * (min(holding.cap, _UNCAPPED * holding.size) + np.maximum(changes, 0.0))
-    high = np.swapaxes(high, 1, 2).reshape(n * m, -1)
+    high = np.swapaxes(high, 1, 2).reshape(n * m, k)
     each = grips.of(np.repeat(np.arange(n), m))
     loads = np.tile(holding.weight + wrenches, (n, 1))
     alone = _solve(each, holding.kept_back(reserve), loads, np.zeros_like(high), high, threads)

@@ -38,6 +38,7 @@ struct OnlineSetup {
     int couplings = 0;                  // combinations of the torques that no drive makes
     std::vector<double> coupling_rows;  // (couplings, joints)
     std::vector<double> coupled;        // what springs make of them (couplings)
+    std::vector<int> stops;             // 1: a joint at its end lets it be more, -1: less, 0: neither; none: 0 each
     double borne = 0.0;                 // share of the contacts' torques on them that friction bears
 };
 
@@ -71,6 +72,7 @@ inline const char* fault_of(const OnlineSetup& setup) {
     if (setup.couplings < 0 || rows != static_cast<std::size_t>(setup.couplings) ||
         not_finite(setup.coupled.data(), rows))
         return "coupled";
+    if (!setup.stops.empty() && setup.stops.size() != rows) return "stops";
     const std::size_t entries = setup.coupling_rows.size();
     if (entries != rows * setup.joints || not_finite(setup.coupling_rows.data(), entries)) return "coupling_rows";
     if (!(setup.borne >= 0.0 && setup.borne <= 1.0)) return "borne";
@@ -188,7 +190,7 @@ public:
         if (!setup.limited.empty() || setup.couplings > 0)
             within_ =
                 std::make_unique<TorqueLimits<K>>(setup.contacts, setup.moments ? 6 : 3, setup.joints, setup.links,
-                                                  setup.limited, setup.couplings, setup.coupling_rows);
+                                                  setup.limited, setup.couplings, setup.coupling_rows, setup.stops);
     }
 
     Tick solve_tick(double rate) override {

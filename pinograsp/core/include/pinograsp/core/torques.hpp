@@ -31,13 +31,14 @@ public:
     TorqueInputs inputs{};
 
     TorqueLimits(int k, int m, int joints, const std::vector<Link>& links, const std::vector<int>& limited,
-                 int couplings, const std::vector<double>& coupling_rows)
+                 int couplings, const std::vector<double>& coupling_rows, const std::vector<int>& stops)
         : k_(k),
           m_(m),
           n_(joints),
           couplings_(couplings),
           links_(links),
           coupling_rows_(coupling_rows),
+          stops_(stops),
           rows_(count_rows(limited)),
           interior_(K::D, K::R, facets, k, m, rows_) {
         const std::size_t n = K::D * k;
@@ -83,6 +84,7 @@ private:
     int k_, m_, n_, couplings_;
     std::vector<Link> links_;
     std::vector<double> coupling_rows_;
+    std::vector<int> stops_;            // which side of a coupling a joint's end bears; none: neither of any
     std::vector<int> row_of_, low_of_;  // row of a joint, first of the two rows of a coupling; -1 for none
     int rows_;
     Interior interior_;
@@ -257,8 +259,9 @@ private:
                 const int r = low_of_[c] + side;
                 const double bound = value / (to_unit(r) * scale);
                 const double reach = reach_of(r) + std::fabs(bound);
-                R_lo_[r] = side == 0 ? bound - reach : bound - trace;
-                R_hi_[r] = side == 0 ? bound + trace : bound + reach;
+                const bool held = stops_.empty() || stops_[c] != (side == 0 ? 1 : -1);
+                R_lo_[r] = side == 1 && held ? bound - trace : bound - reach;
+                R_hi_[r] = side == 0 && held ? bound + trace : bound + reach;
             }
         }
     }
