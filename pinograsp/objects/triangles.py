@@ -202,9 +202,15 @@ class TriangleSurface:
         """
         curvatures, directions = np.full((len(surface), 2), np.nan), np.full((len(surface), 3), np.nan)
         low, high = self.corners.min(axis=1), self.corners.max(axis=1)
-        for i, (centre, normal, across) in enumerate(zip(surface, outward, tangents(outward))):
-            near = (_squared_gap(centre, low, high) < radius**2) & (self.normals @ normal > 0.5)
-            pieces = _pieces((self.corners[near] - centre) / radius)
+        near = [
+            np.flatnonzero((_squared_gap(centre, low, high) < radius**2) & (self.normals @ normal > 0.5))
+            for centre, normal in zip(surface, outward)
+        ]
+        owner = np.repeat(np.arange(len(near)), [len(own) for own in near])
+        corners = self.corners[np.concatenate([np.zeros(0, dtype=int), *near])]
+        cut, owner = _pieces((corners - surface[owner, None]) / radius, owner)
+        for i, (normal, across) in enumerate(zip(outward, tangents(outward))):
+            pieces = cut[owner == i]
             middle = pieces.mean(axis=1)
             area = np.linalg.norm(cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1)
             root = np.sqrt(area) * np.maximum(1 - (middle**2).sum(axis=1), 0.0)  # of area times (1 - r^2)^2
@@ -276,19 +282,23 @@ def _feature_at(points: Array, corners: Array) -> IntArray:
     return feature
 
 
-def _pieces(corners: Array) -> Array:
-    """Triangles (p, 3, 3) cut at their longest edges until none is longer than 1/5, without those off the unit ball."""
-    done = []
+def _pieces(corners: Array, owner: IntArray) -> tuple[Array, IntArray]:
+    """Triangles (p, 3, 3) cut at their longest edges until none is longer than 1/5, without those off the unit ball;
+    and whose each is, of the triangles' owners (p,).
+    """
+    done, owners = [np.zeros((0, 3, 3))], [np.zeros(0, dtype=int)]
     while len(corners):
-        low, high = corners.min(axis=1), corners.max(axis=1)
-        corners = corners[_squared_gap(np.zeros(3), low, high) < 1]
+        inside = _squared_gap(np.zeros(3), corners.min(axis=1), corners.max(axis=1)) < 1
+        corners, owner = corners[inside], owner[inside]
         sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
         small = sides.max(axis=1, initial=0.0) <= 0.2
         done.append(corners[small])
-        corners, sides = corners[~small], sides[~small]
+        owners.append(owner[small])
+        corners, owner, sides = corners[~small], owner[~small], sides[~small]
         if len(corners):
             turn = (sides.argmax(axis=1)[:, None] + np.arange(3)) % 3
             a, b, c = np.moveaxis(np.take_along_axis(corners, turn[..., None], axis=1), 1, 0)
             middle = (a + b) / 2
             corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-    return np.concatenate(done) if done else corners
+            owner = np.tile(owner, 2)
+    return np.concatenate(done), np.concatenate(owners)

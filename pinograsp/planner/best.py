@@ -86,9 +86,11 @@ def plan_best(
             refused.append((error, task))
             continue
         faults = _count_faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
-        tolerance = tell_tolerance(plan, closure, quick=True)
-        lost = 0.0 if tolerance is None else 1.0 - tolerance.kept
-        lost += turn_as_commanded(plan) if plan.status is Status.OK else 0.0
+        lost = 0.0
+        if best is None or faults < fewest:  # else it cannot be the better one
+            tolerance = tell_tolerance(plan, closure, quick=True)
+            lost = 0.0 if tolerance is None else 1.0 - tolerance.kept
+            lost += turn_as_commanded(plan) if plan.status is Status.OK else 0.0
         if check and plan.status is Status.OK:
             plan, held = _check(plan)
             faults += 0 if held else _MOST_FAULTS

@@ -230,7 +230,8 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
 def _least_of_any_hand(squeeze: RobustForces, problem: ForceProblem, reserve: Reserve, options: PlanOptions) -> float:
     """Lower bound of the objective of a hand that could make any forces."""
     if list_couplings(problem):
-        squeeze = search_reserve(free_drives(problem), reserve, objective=options.objective)
+        start = squeeze.impact_time
+        squeeze = search_reserve(free_drives(problem), reserve, objective=options.objective, start=start)
     return squeeze.certificate.lower_bound if squeeze.certificate is not None else 0.0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -81,7 +82,36 @@ def make_search_case(
     least_fingers: int | None = None,
 ) -> SearchCase:
     """Preshapes of the hand and pairs of the object, which all samples draw from."""
-    rough = hand_of_hulls(hand)
+    prepared = _prepare_hand(hand)
+    return SearchCase(
+        hand=hand,
+        rough=prepared.rough,
+        body=body,
+        conditions=conditions,
+        impact_time=impact_time,
+        wrap=wrap,
+        preshapes=prepared.preshapes,
+        pairs=find_pairs(body, rng, region),
+        table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
+        scene=scene_of(prepared.rough, body),
+        collisions=prepared.collisions,
+        region=region,
+        least_fingers=least_fingers,
+    )
+
+
+class _PreparedHand(NamedTuple):
+    """What searches of all objects have in common."""
+
+    rough: HandModel
+    preshapes: tuple[Preshape, ...]
+    collisions: SelfCollisions
+
+
+@functools.lru_cache(maxsize=4)
+def _prepare_hand(hand: HandModel) -> _PreparedHand:
+    """The hand with hulls, its preshapes, drawn once, and what of it may collide; a second or several."""
+    rng, rough = np.random.default_rng(0), hand_of_hulls(hand)
     shapes = preshapes(rough, rng)
     good = _usable(rough, shapes)
     if len(good) < _ENOUGH and not cannot_stop_alone(hand):
@@ -90,21 +120,7 @@ def make_search_case(
         good = _usable(rough, shapes)
     if len(good) < _NEAREST:
         good = sorted(shapes, key=lambda one: one.imbalance)[: 4 * _NEAREST]
-    return SearchCase(
-        hand=hand,
-        rough=rough,
-        body=body,
-        conditions=conditions,
-        impact_time=impact_time,
-        wrap=wrap,
-        preshapes=tuple(good),
-        pairs=find_pairs(body, rng, region),
-        table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
-        scene=scene_of(rough, body),
-        collisions=SelfCollisions(hand),
-        region=region,
-        least_fingers=least_fingers,
-    )
+    return _PreparedHand(rough, tuple(good), SelfCollisions(hand))
 
 
 def hand_of_hulls(hand: HandModel) -> HandModel:
