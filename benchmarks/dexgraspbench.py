@@ -113,7 +113,7 @@ def table(args: argparse.Namespace) -> None:
 
 
 def hand_of(args: argparse.Namespace) -> pg.HandModel:
-    return pg.load_hand(Path(args.checkout).resolve() / "assets/hand" / args.hand / "right_hand.xml")
+    return pg.load_hand(Path(args.checkout).resolve() / "assets/hand" / args.hand / "right_hand.xml", trusted=True)
 
 
 def main() -> None:

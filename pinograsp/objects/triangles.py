@@ -206,7 +206,7 @@ class TriangleSurface:
             np.flatnonzero((_squared_gap(centre, low, high) < radius**2) & (self.normals @ normal > 0.5))
             for centre, normal in zip(surface, outward)
         ]
-        owner = np.repeat(np.arange(len(near)), [len(own) for own in near])
+        owner: IntArray = np.repeat(np.arange(len(near)), [len(own) for own in near])
         corners = self.corners[np.concatenate([np.zeros(0, dtype=int), *near])]
         cut, owner = _pieces((corners - surface[owner, None]) / radius, owner)
         for i, (normal, across) in enumerate(zip(outward, tangents(outward))):

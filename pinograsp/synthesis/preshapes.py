@@ -199,7 +199,7 @@ class _Tips:
         for k, (joint, dofs) in enumerate(self.fingers):
             columns = pin.getJointJacobian(self.hand.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED)
             turns = columns.reshape(6, -1)[3:, dofs] * self.flexion[dofs]
-            axes[k] = turns[:, -1]
+            axes[k] = turns[:, -1] / max(float(np.linalg.norm(turns[:, -1])), 1e-9)
             closing[k] = towards[dofs] @ np.sign(axes[k] @ turns)
         signs, alike = np.ones(self.hand.n), axes @ axes.T
         ways = bases[:, None] - bases

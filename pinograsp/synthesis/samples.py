@@ -53,7 +53,7 @@ _MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchCase:
     """What all samples of a search have in common; ``rough`` is the hand with its meshes' convex hulls, which is in
-    ``scene`` with the object as well.
+    ``scene`` with the object as well; ``parts``: whether its open fingers are clear of each other, as of most hands.
     """
 
     hand: HandModel
@@ -67,6 +67,7 @@ class SearchCase:
     table: SupportPlane | None
     scene: BulkScene | None
     collisions: SelfCollisions
+    parts: bool
     region: Region | None = None
     least_fingers: int | None = None
 
@@ -95,6 +96,7 @@ def make_search_case(
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
         scene=scene_of(prepared.rough, body),
         collisions=prepared.collisions,
+        parts=prepared.parts,
         region=region,
         least_fingers=least_fingers,
     )
@@ -106,6 +108,7 @@ class _PreparedHand(NamedTuple):
     rough: HandModel
     preshapes: tuple[Preshape, ...]
     collisions: SelfCollisions
+    parts: bool
 
 
 @functools.lru_cache(maxsize=4)
@@ -120,7 +123,14 @@ def _prepare_hand(hand: HandModel) -> _PreparedHand:
         good = _usable(rough, shapes)
     if len(good) < _NEAREST:
         good = sorted(shapes, key=lambda one: one.imbalance)[: 4 * _NEAREST]
-    return _PreparedHand(rough, tuple(good), SelfCollisions(hand))
+    collisions = SelfCollisions(hand)
+    parts = not any(collisions.between(_at_rest(hand), one.opened) for one in good)
+    return _PreparedHand(rough, tuple(good), collisions, parts)
+
+
+def _at_rest(hand: HandModel) -> Array:
+    """A posture (n,) in which what overlaps does so by design."""
+    return np.clip(hand.resting, hand.lower, hand.upper)
 
 
 def hand_of_hulls(hand: HandModel) -> HandModel:
@@ -227,8 +237,7 @@ class Tried(NamedTuple):
 
 def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried:
     """The outcome of closing a hand where it is; ``quick``: as one of many."""
-    apart = np.clip(case.hand.resting, case.hand.lower, case.hand.upper)
-    if hit := case.collisions.between(apart, posed.opened):
+    if case.parts and (hit := case.collisions.between(_at_rest(case.hand), posed.opened)):
         return Tried(f"open fingers collide ({_name_pair(hit[0])})")
     try:
         closure = _closure(case, posed)

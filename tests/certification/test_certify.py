@@ -310,9 +310,15 @@ def test_what_is_certified_holds_in_simulation_and_falls_with_less_friction_than
     assert len(held) >= 3
     shaken = Disturbance(shake=[1.8, 1.4, 1.9], shake_frequency=2.0)
     assert sum(pg.simulate(make_trial(found, i), disturbance=shaken).verdict.held for i in held) >= len(held) - 1
-    i = int(held[0])
-    slippery = Disturbance(mu=0.7 * found.least_mu[i])
-    assert not pg.simulate(make_trial(found, i), disturbance=slippery).verdict.held
+    needed = 0
+    for grasp in pg.find_grasps(allegro.hand, allegro.object, CONDITIONS, count=16, seed=3, jobs=1).grasps:
+        closure = grasp.closure
+        one = certify(closure.hand, closure.object, closure.q[None], CONDITIONS, roots=closure.hand.pose[None])
+        if one.held[0] and one.least_mu[0] > 0.04:  # cradles need next to none
+            needed += 1
+            slippery = Disturbance(mu=0.7 * one.least_mu[0])
+            assert not pg.simulate(make_trial(one, 0), disturbance=slippery).verdict.held
+    assert needed > 0
 
 
 def test_boxes_deep_in_a_cylinder_are_measured():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import own_hands
 import pytest
 
 import pinograsp as pg
@@ -75,10 +76,18 @@ def test_a_plan_is_read_back_by_the_readers_of_the_data_set(plan, tmp_path):
     )
 
 
-def test_what_is_told_holds_the_object_under_the_loads_of_the_benchmark(plan):
-    protocol = PROTOCOLS["dexgraspbench"]
-    stages = commanded_postures(plan)[None]
-    roots = np.tile(plan.hand.pose, (1, 3, 1, 1))
+def test_what_is_told_presses_as_planned(tmp_path):
+    """Three jaws that close on the middle of a ball: nothing comes in between the references and the planned forces."""
+    path = tmp_path / "chuck.urdf"
+    path.write_text(own_hands.chuck(3), encoding="utf-8")
+    drives = [
+        Drive(name=f"m{i}", joints=(f"slide{i}",), arms=(1.0,), control="position", stiffness=4e3) for i in range(3)
+    ]
+    hand, ball = pg.load_hand(path, drives=drives), pg.Sphere(radius=0.03, mass=0.1)
+    plan = pg.plan_grasp_on(hand, ball, pg.GraspConditions(mu=0.8))
+    forces = plan.forces.normal_forces
+    protocol = replace(PROTOCOLS["dexgraspbench"], stiffness=float(np.mean(forces / plan.forces.final_depths)))
+    stages, roots = commanded_postures(plan)[None], np.tile(plan.hand.pose, (1, 3, 1, 1))
     found = pg.certify(
         plan.hand,
         plan.body,
@@ -89,6 +98,7 @@ def test_what_is_told_holds_the_object_under_the_loads_of_the_benchmark(plan):
         protocol=protocol,
     )
     assert found.held_as_commanded[0], found.words(0)
+    assert np.sort(found.pressed[0])[-3:] == pytest.approx(np.sort(forces), rel=0.03)
 
 
 def test_what_cannot_be_written_is_said(plan, tmp_path):

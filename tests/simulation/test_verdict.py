@@ -11,7 +11,7 @@ import pytest
 import pinograsp as pg
 from pinograsp.objects import Box
 from pinograsp.planner import plan_best
-from pinograsp.simulation import Disturbance, simulate
+from pinograsp.simulation import Disturbance, Servo, simulate
 from pinograsp.simulation.options import SimulationOptions
 from pinograsp.simulation.task import Task
 from pinograsp.simulation.verdict import Expected, judge
@@ -78,7 +78,8 @@ def test_what_the_plan_foresees_after_letting_go_is_compared_too():
     hand, conditions = pg.load_hand("psyonic_left"), pg.GraspConditions(mu=0.6)
     body = pg.Cylinder(radius=0.024, height=0.12, mass=0.06)
     plan = plan_best(pg.find_grasps(hand, body, conditions, count=8, seed=3, jobs=1, progress=False), conditions)
-    simulation = simulate(plan, hold=0.6, time_step=5e-4)
+    # What is foreseen is of servos as stiff as they are, and an object that is fixed until t_F.
+    simulation = simulate(plan, hold=0.6, time_step=5e-4, support="fixed", servo=Servo.of(hand))
     planned, settled = plan.forces.normal_forces, plan.motion.settled_forces
     order = [simulation.parts.index(name) for name in plan.contacts.names]
     end = simulation.normal_forces[simulation.times > simulation.times[-1] - 0.05][:, order].mean(axis=0)
