@@ -156,7 +156,8 @@ def find_grasps(
         conditions: friction, limits and what is to be balanced.
         count: samples; up to four times as many, as long as no grasp withstands the reserve on contacts that are sure,
             and firmly, and the object is not too large; up to eight times where some withstand it, but not so.
-        seed: of the random numbers; the result does not depend on ``jobs``.
+        seed: of the samples' random numbers; the result does not depend on ``jobs``. A hand's preshapes are drawn once,
+            with a seed of their own.
         impact_time: t_I of the forces that grasps are tried with [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it;
             these are looked for as well where half of the samples found nothing.
