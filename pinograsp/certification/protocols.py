@@ -79,6 +79,24 @@ _SLIPS = 0.01  # [m] torsion of pads of some square centimetres
 # Contacts of PhysX and FleX are all but rigid: what gives way there are the servos, and jaws have none.
 _HARD, _RIGID = 2e4, 2e5  # [N/m]
 
+
+def _of_jaws(name: str, source: str, mass: float | None = None, density: float | None = None) -> Protocol:
+    """Friction 1, and the weight along each axis; what falls out of the jaws is lost."""
+    return Protocol(
+        name=name,
+        mass=mass,
+        density=density,
+        mu=1.0,
+        torsion=_SLIPS,
+        pulls=_six(9.81),
+        distance=0.1,
+        angle=float(np.pi),
+        stiffness=_RIGID,
+        tolerance=2e-3,
+        source=source,
+    )
+
+
 PROTOCOLS = MappingProxyType(
     {
         one.name: one
@@ -112,30 +130,12 @@ PROTOCOLS = MappingProxyType(
                 lenient=True,
                 source="PKU-EPIC/DexGraspNet, grasp_generation/utils/isaac_validator.py; thres_dis of main.py",
             ),
-            Protocol(
-                name="acronym",
-                density=150.0,
-                mu=1.0,
-                torsion=_SLIPS,
-                # Its shaking along the approach and about the jaws' axis has no published acceleration: a weight each.
-                pulls=_six(9.81),
-                distance=0.1,
-                angle=float(np.pi),
-                stiffness=_RIGID,
-                tolerance=2e-3,
-                source="NVlabs/acronym: density and friction of its files",
-            ),
-            Protocol(
+            # Its shaking along the approach and about the jaws' axis has no published acceleration: a weight each.
+            _of_jaws(name="acronym", density=150.0, source="NVlabs/acronym: density and friction of its files"),
+            # Its own five pulls of one weight, along the approach and askew, lie among these.
+            _of_jaws(
                 name="graspgen",
                 mass=1.0,
-                mu=1.0,
-                torsion=_SLIPS,
-                # Its own five pulls of one weight, along the approach and askew, lie among these.
-                pulls=_six(9.81),
-                distance=0.1,
-                angle=float(np.pi),
-                stiffness=_RIGID,
-                tolerance=2e-3,
                 source="NVlabs/GraspDataGen, scripts/graspgen/grasp_sim.py and object.py",
             ),
         )

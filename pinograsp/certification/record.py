@@ -20,7 +20,7 @@ from pinograsp.motion.remedies import name_displacement
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, BoolArray, IntArray, tangent_frame
 
-_TOLD = 0.02  # [rad or m] beyond a limit, where a protocol lets joints be so
+BEYOND = 0.02  # [rad or, times the lever, m] beyond a limit that is carelessness; more is told, or refused
 
 _FEWEST, _NEARLY_ALL = 5, 0.9  # grasps, and the share of them from which on chance does not explain it
 _FRAMES = (
@@ -208,7 +208,7 @@ class Certificates:
             Status.DRIVES: self._drives() if reason is Status.DRIVES else "",
         }.get(reason, "")
         words = f"{reason.words} ({figure})" if figure else reason.words
-        if reason is not Status.JOINT_LIMIT and self.excess[i].max(initial=0.0) > _TOLD:
+        if reason is not Status.JOINT_LIMIT and self.excess[i].max(initial=0.0) > BEYOND:
             words += f"; {self._beyond(i)} beyond its limit"
         if not self.commanded[i]:
             return words

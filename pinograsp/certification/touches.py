@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pinograsp.certification.protocols import find_protocol
-from pinograsp.certification.record import FAR_OFF
+from pinograsp.certification.record import BEYOND, FAR_OFF
 from pinograsp.certification.setup import CertifySetup
 from pinograsp.contacts.bulk import CORNERS, BulkContacts
 from pinograsp.motion.producible import HARDLY
@@ -18,7 +18,6 @@ from pinograsp.spatial import Array, BoolArray, IntArray, cross
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-_BEYOND = 0.02  # [rad or, times the lever, m] beyond a limit that is the data set's carelessness: put on the limit
 # Motions that close gaps as a matter of course [rad; m with the lever], and what may be left of a gap [m].
 _REACH, _LEVER, _OPEN = 0.1, 0.03, 3e-4
 
@@ -77,7 +76,7 @@ class PostureTouches:
 def find_touches(setup: CertifySetup, q: Array, roots: Array) -> PostureTouches:
     """PostureTouches of fingers and palm that can be at once as contacts, one at each corner of an area."""
     hand, options = setup.hand, setup.options
-    allowed = _BEYOND * np.where(hand.slides, _LEVER, 1.0)
+    allowed = BEYOND * np.where(hand.slides, _LEVER, 1.0)
     excess = np.maximum(np.maximum(hand.lower - q, q - hand.upper), 0.0)
     protocol = find_protocol(options.protocol)
     lenient = protocol is not None and protocol.lenient

@@ -27,9 +27,7 @@ def commanded_postures(plan: PlanRecord, *, stiffness: ArrayLike | None = None) 
     object, where the links touch, and references that press with its forces, q + tau / kp, the hand's own weight made
     up for. Arguments and errors as of :func:`grasp_rows`.
     """
-    hand, body, motion = plan.require_hand(), plan.body, plan.motion
-    if body is None:
-        raise InvalidInput("plan: expected one with its object, got one without: plan with a shape")
+    hand, body, motion = plan.require_hand(), _body_of(plan), plan.motion
     require_drives(hand)
     kp, last = gains(hand, "stiffness", stiffness), motion.q[-1:]
     weight = inverse_dynamics(hand, last, 0 * last, 0 * last, gravity_o=plan.gravity_o)
@@ -64,8 +62,7 @@ def grasp_rows(
             f"hand: expected one without an arm, whose root is free, got joints of no finger: {', '.join(others)}"
         )
     before, touching, squeezing = (_every_joint(hand, names, q) for q in commanded_postures(plan, stiffness=stiffness))
-    at = np.eye(4) if plan.body is None else plan.body.pose
-    pose = read_only((inverse_of(at) @ hand.pose)[None])
+    pose = read_only((inverse_of(_body_of(plan).pose) @ hand.pose)[None])
     return GraspRows(
         source=f"plan of {hand.name}",
         format="dexgraspbench",
@@ -81,6 +78,13 @@ def grasp_rows(
         squeeze_poses=pose,
         squeeze_q=squeezing,
     )
+
+
+def _body_of(plan: PlanRecord) -> Body:
+    """The object of a plan, or InvalidInput where it has none."""
+    if plan.body is None:
+        raise InvalidInput("plan: expected one with its object, got one without: plan with a shape")
+    return plan.body
 
 
 def _last_clear(hand: HandModel, body: Body, motion: Motion) -> int:

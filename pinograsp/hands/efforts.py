@@ -50,7 +50,7 @@ def spring_torques(hand: HandModel, q: Array) -> Array:
 def find_stops(hand: HandModel, q: Array) -> IntArray:
     """Ends of their ranges that joints rest on (..., n) at ``q`` (..., n): 1 the lower, -1 the upper, 0 neither.
 
-    Of joints that share drives, or have none, alone: what presses them against their end, it bears, and not the drives.
+    Of joints that share drives, or have none, alone: what presses them against their end, it takes, and not the drives.
     """
     sharing = np.array([ratio.row != 0 for ratio in hand.ratios]).reshape(-1, hand.n).any(axis=0)
     room = _AT_STOP * (hand.upper - hand.lower)

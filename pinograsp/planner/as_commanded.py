@@ -16,7 +16,7 @@ _FAR = 0.05  # [m] by which soft servos may let an object go
 _LITTLE = 0.5  # share of the largest turn that does not count
 
 
-def turn_as_commanded(plan: PlanRecord) -> float:
+def measure_turn(plan: PlanRecord) -> float:
     """How far the push of the reserve, in any direction, turns the object where the hand's own position servos hold it,
     as a share [-] of what still counts as held: 0 up to a half of that, 1 where the object is lost.
 

@@ -21,7 +21,7 @@ from pinograsp.errors import (
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import servo_gains
 from pinograsp.plan.answer import SIMULATED
-from pinograsp.planner.as_commanded import turn_as_commanded
+from pinograsp.planner.as_commanded import measure_turn
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
@@ -90,7 +90,7 @@ def plan_best(
         if best is None or faults < fewest:  # else it cannot be the better one
             tolerance = tell_tolerance(plan, closure, quick=True)
             lost = 0.0 if tolerance is None else 1.0 - tolerance.kept
-            lost += turn_as_commanded(plan) if plan.status is Status.OK else 0.0
+            lost += measure_turn(plan) if plan.status is Status.OK else 0.0
         if check and plan.status is Status.OK:
             plan, held = _check(plan)
             faults += 0 if held else _MOST_FAULTS

@@ -96,9 +96,13 @@ def free_of_themselves(hand: HandModel, shapes: list[Preshape]) -> list[Preshape
     """The preshapes whose links hit each other neither before they close nor where the fingertips meet; some overlap by
     design, anywhere.
     """
-    middle = np.clip(hand.resting, hand.lower, hand.upper)
-    collisions = SelfCollisions(hand)
+    middle, collisions = rest_of(hand), SelfCollisions(hand)
     return [one for one in shapes if not collisions.after(middle, np.stack([one.opened, one.met]))]
+
+
+def rest_of(hand: HandModel) -> Array:
+    """A posture (n,) in which links that overlap do so by design."""
+    return np.clip(hand.resting, hand.lower, hand.upper)
 
 
 def refine(hand: HandModel, shapes: list[Preshape], rng: np.random.Generator) -> list[Preshape]:
@@ -110,7 +114,7 @@ def refine(hand: HandModel, shapes: list[Preshape], rng: np.random.Generator) ->
     if not len(tips.spreads):
         return []
     shapes = free if len(free) >= _REFINED else shapes
-    collisions, middle = SelfCollisions(hand), np.clip(hand.resting, hand.lower, hand.upper)
+    collisions, middle = SelfCollisions(hand), rest_of(hand)
     largest = max((one.width for one in shapes), default=0.0)
     better: list[Preshape] = []
     for width in np.linspace(0.0, largest, _WIDTHS + 1)[1:]:

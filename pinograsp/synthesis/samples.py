@@ -28,7 +28,7 @@ from pinograsp.plan.tolerance import PoseError
 from pinograsp.spatial import Array, cross
 from pinograsp.synthesis.found import ROOMS, FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centre_on
-from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refine
+from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refine, rest_of
 from pinograsp.synthesis.seeds import Pairs, Region, find_pairs
 from pinograsp.words import printable
 
@@ -124,13 +124,8 @@ def _prepare_hand(hand: HandModel) -> _PreparedHand:
     if len(good) < _NEAREST:
         good = sorted(shapes, key=lambda one: one.imbalance)[: 4 * _NEAREST]
     collisions = SelfCollisions(hand)
-    parts = not any(collisions.between(_at_rest(hand), one.opened) for one in good)
+    parts = not any(collisions.between(rest_of(hand), one.opened) for one in good)
     return _PreparedHand(rough, tuple(good), collisions, parts)
-
-
-def _at_rest(hand: HandModel) -> Array:
-    """A posture (n,) in which what overlaps does so by design."""
-    return np.clip(hand.resting, hand.lower, hand.upper)
 
 
 def hand_of_hulls(hand: HandModel) -> HandModel:
@@ -237,7 +232,7 @@ class Tried(NamedTuple):
 
 def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried:
     """The outcome of closing a hand where it is; ``quick``: as one of many."""
-    if case.parts and (hit := case.collisions.between(_at_rest(case.hand), posed.opened)):
+    if case.parts and (hit := case.collisions.between(rest_of(case.hand), posed.opened)):
         return Tried(f"open fingers collide ({_name_pair(hit[0])})")
     try:
         closure = _closure(case, posed)

@@ -616,7 +616,7 @@ def test_ends_of_ranges_bear_what_presses_joints_against_them(tmp_path):
     # What is asked of the two joints and the motor, and the tendon's pull and what is left of it, at these postures.
     for q, asked, pull, left in (
         (free, (3.0, 1.0), 2.0 / 0.02, 1.0),
-        (low, (3.0, 1.0), 1.0 / 0.02, 0.0),  # the end bears 2 N m
+        (low, (3.0, 1.0), 1.0 / 0.02, 0.0),  # the end takes 2 N m
         (low, (1.0, 3.0), 2.0 / 0.02, 1.0),  # it cannot pull
         (high, (3.0, 1.0), 3.0 / 0.02, 0.0),
         (high, (1.0, 3.0), 2.0 / 0.02, 1.0),

@@ -9,7 +9,7 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.hands import Drive
-from pinograsp.planner.as_commanded import turn_as_commanded
+from pinograsp.planner.as_commanded import measure_turn
 
 JAWS = 3
 
@@ -33,11 +33,11 @@ def plan(tmp_path_factory):
 def test_servos_that_hold_and_servos_that_let_go(plan):
     """A servo that is told q + tau / kp presses with tau, however stiff it is, but no harder than it can."""
     for stiffness in (40.0, 4000.0):
-        assert turn_as_commanded(replace(plan, hand=with_servos(plan.hand, stiffness))) == 0.0
-    assert turn_as_commanded(replace(plan, hand=with_servos(plan.hand, 4000.0, limit=0.1))) == 1.0
+        assert measure_turn(replace(plan, hand=with_servos(plan.hand, stiffness))) == 0.0
+    assert measure_turn(replace(plan, hand=with_servos(plan.hand, 4000.0, limit=0.1))) == 1.0
 
 
 def test_where_nobody_knows_the_servos_nothing_is_said(plan):
     for stiffness, control in ((None, "position"), (None, "torque")):
-        assert turn_as_commanded(replace(plan, hand=with_servos(plan.hand, stiffness, control))) == 0.0
-    assert turn_as_commanded(replace(plan, reserve=None)) == 0.0
+        assert measure_turn(replace(plan, hand=with_servos(plan.hand, stiffness, control))) == 0.0
+    assert measure_turn(replace(plan, reserve=None)) == 0.0

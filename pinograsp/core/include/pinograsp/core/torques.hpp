@@ -84,7 +84,7 @@ private:
     int k_, m_, n_, couplings_;
     std::vector<Link> links_;
     std::vector<double> coupling_rows_;
-    std::vector<int> stops_;            // which side of a coupling a joint's end bears; none: neither of any
+    std::vector<int> stops_;            // which side of a coupling a joint's end takes; none: neither of any
     std::vector<int> row_of_, low_of_;  // row of a joint, first of the two rows of a coupling; -1 for none
     int rows_;
     Interior interior_;
