@@ -38,7 +38,7 @@ def solves(method: str, model: str, case: dict) -> tuple:
         import pinograsp as pg
 
         contacts = tuple(
-            pg.Contact(finger=f"c{i}", link="", point_o=p, rotation_oc=R, length=None, distance=0.0)
+            pg.contacts.Contact(finger=f"c{i}", link="", point_o=p, rotation_oc=R, length=None, distance=0.0)
             for i, (p, R) in enumerate(zip(case["points"], case["rotations"]))
         )
         friction = pg.Friction(model=model)

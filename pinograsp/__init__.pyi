@@ -8,15 +8,11 @@ from .certification import (
     certify as certify,
 )
 from .contacts import (
-    Contact as Contact,
     ContactSet as ContactSet,
     Friction as Friction,
     MarhefkaOrin as MarhefkaOrin,
     close_hand as close_hand,
     contacts_at as contacts_at,
-)
-from .core import (
-    get_include as get_include,
 )
 from .errors import (
     PinograspError as PinograspError,
@@ -31,6 +27,7 @@ from .forces import (
     GridSpec as GridSpec,
     LoadSet as LoadSet,
     Reserve as Reserve,
+    Task as Task,
     TorqueLimits as TorqueLimits,
     diagnose as diagnose,
     force_closure as force_closure,
@@ -73,6 +70,7 @@ from .simulation import (
     simulate as simulate,
 )
 from .synthesis import (
+    Wishes as Wishes,
     find_grasps as find_grasps,
 )
 

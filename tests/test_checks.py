@@ -136,7 +136,7 @@ def test_points_far_from_the_surface_are_refused_whatever_the_tolerance(cylinder
 def test_contact_frames_are_rotations(contacts, frame):
     first = contacts[0]
     with pytest.raises(InvalidInput, match="contact frame of 'thumb': expected an orthonormal right-handed rotation"):
-        pg.Contact(
+        pg.contacts.Contact(
             finger=first.finger, link=first.link, point_o=first.point_o, rotation_oc=frame, length=None, distance=0.0
         )
 

@@ -19,7 +19,7 @@ EXPECTED = {
     "03": ("closed:", "mJ"),
     "04": ("hybrid     56.163", "convex     55.777"),
     "05": (
-        "grasps from",
+        "samples, the best of every 4",
         "ok ",
         "contacts",
         "/",

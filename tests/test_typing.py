@@ -43,7 +43,7 @@ mesh: pg.Mesh = pg.Mesh.load("mug.stl", scale=1e-3, density=600)
 conditions = pg.GraspConditions(
     mu=0.7, gravity_o=[0, 0, -1.62], friction=pg.Friction(model="cone", safety=1.2), torque_limit="effort", reserve=pg.Reserve(disturbance=0.3)
 )
-found: GraspSearch = pg.find_grasps(hand, mug, conditions, count=24, within=[[0, 0, 0], [1, 1, 1]])
+found: GraspSearch = pg.find_grasps(hand, mug, conditions, count=24, wishes=pg.Wishes(within=[[0, 0, 0], [1, 1, 1]]))
 best: FoundGrasp = found.best
 closure = pg.close_hand(hand, mug, wrap=True)
 plan: pg.GraspPlan = pg.plan_grasp_on(closure.hand, closure, conditions, pg.PlanOptions(search="convex", objective={"work": 1.0}))

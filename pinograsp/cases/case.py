@@ -6,15 +6,19 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, overload
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from pinograsp import defaults
 from pinograsp.cases.changes import CaseChanges
+from pinograsp.cases.object_case import ObjectCase
 from pinograsp.cases.reading import change_values, check_extent, read_changes, read_mapping, validate
+from pinograsp.cases.reserve_section import ReserveSection, read_reserve
 from pinograsp.cases.sections import (
+    LONGEST_NAME,
+    NAME,
     Angles,
     CaseSection,
     ComplianceSection,
@@ -49,7 +53,6 @@ from pinograsp.spatial import Array, pose_of, rotation_rpy
 
 _AS_IT_IS: CaseChanges = {}
 _BIGGEST = 1_000_000  # bytes; a case file is a page of text
-_LONGEST_NAME = 100  # it becomes the name of a folder
 _MOST_STEPS = 200_000  # of the motion
 
 
@@ -57,7 +60,7 @@ class Case(CaseSection):
     """A case. Relative paths start at ``folder``, the case file's own."""
 
     schema_: Literal[1] = Field(1, alias="schema")
-    name: str = Field(pattern=r"^\w[\w.-]*$", max_length=_LONGEST_NAME)
+    name: str = Field(pattern=NAME, max_length=LONGEST_NAME)
     hand: HandSection
     object: ObjectSection
     contacts: tuple[ContactSection, ...] = Field(min_length=1, max_length=200)
@@ -68,6 +71,7 @@ class Case(CaseSection):
     forces: ForcesSection = ForcesSection()
     grid: GridSection = GridSection()
     motion: MotionSection = MotionSection()
+    reserve: Annotated[ReserveSection | None, BeforeValidator(read_reserve)] = None
     assumed: dict[str, str] = Field(default_factory=dict)
     folder: Path = Field(Path("."), exclude=True)
 
@@ -191,17 +195,18 @@ class Case(CaseSection):
         )
 
     def plan(self, *, progress: bool | None = None) -> GraspPlan:
-        """Plan the case: see :func:`~pinograsp.planner.plan_grasp`."""
-        hand = self.load_hand()
+        """Plan the case: see :func:`~pinograsp.planner.plan_grasp`. A reserve is planned for by the convex search."""
+        hand, reserve = self.load_hand(), None if self.reserve is None else self.reserve.make()
         options = PlanOptions(
             grid=self.make_grid(),
-            search=self.forces.search,
+            search=self.forces.search if reserve is None else "convex",
             solver=self.forces.solver,
             objective=self.forces.objective,
             motion=self.make_motion(),
         )
         limit = self.limits.torque_limit
-        plan = plan_grasp(hand, self.make_problem(hand), options, torque_limit=limit, progress=progress)
+        problem = self.make_problem(hand)
+        plan = plan_grasp(hand, problem, options, torque_limit=limit, reserve=reserve, progress=progress)
         return replace(plan, settings=self.settings())
 
 
@@ -214,11 +219,18 @@ def builtin_cases() -> list[str]:
     return sorted(path.stem for path in Path(__file__).parent.glob("*.yaml"))
 
 
-def load_case(source: str | Path, changes: CaseChanges = _AS_IT_IS, *, texts: Sequence[str] = ()) -> Case:
+@overload
+def load_case(source: Literal["paper"], changes: CaseChanges = ..., *, texts: Sequence[str] = ...) -> Case: ...
+@overload
+def load_case(source: str | Path, changes: CaseChanges = ..., *, texts: Sequence[str] = ...) -> Case | ObjectCase: ...
+def load_case(source: str | Path, changes: CaseChanges = _AS_IT_IS, *, texts: Sequence[str] = ()) -> Case | ObjectCase:
     """A case by name or from a YAML file, with some values changed.
 
+    A file with ``contacts`` says where the fingers touch, in a frame that it gives; one with the text ``hand: ...`` and
+    an object is searched for grasps, its keys are the options of ``pinograsp plan``.
+
     Args:
-        source: a built-in case's name (``"paper"``) or a path.
+        source: a built-in case's name (``"paper"``, ``"mug"``) or a path.
         changes: values by key, ``{"object.mass": 1.1}``.
         texts: the same as people type it, ``["object.mass=1.1"]``, read as YAML; after ``changes``.
 
@@ -230,16 +242,21 @@ def load_case(source: str | Path, changes: CaseChanges = _AS_IT_IS, *, texts: Se
     path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else Path(name)
     wanted = f"a YAML file or one of: {', '.join(builtin_cases())}"
     data = read_mapping(path, "case", name, wanted, _BIGGEST, "hand, object, contacts...")
-    if isinstance(data.get("hand"), dict) and data["hand"].get("trusted", False) is not False:
+    pair = isinstance(data.get("hand"), str)
+    trusting, key = (data, "trusted") if pair else (data.get("hand"), "hand.trusted")
+    if isinstance(trusting, dict) and trusting.get("trusted", False) is not False:
         raise CaseRejected(
-            f"case '{name}': hand.trusted: no file can say so itself: give it where the case is opened "
-            "(--set hand.trusted=true, {'hand.trusted': True})"
+            f"case '{name}': {key}: no file can say so itself: give it where the case is opened "
+            f"(--set {key}=true, {{'{key}': True}})"
         )
     data = change_values(data, read_changes(changes, texts))
     check_extent(data, f"case '{name}'")
     if "folder" in data:
         raise CaseRejected(f"case '{name}': folder: unknown key")
-    return validate(Case, {**data, "folder": path.resolve().parent}, f"case '{name}'")
+    data["folder"] = path.resolve().parent
+    if pair:
+        return validate(ObjectCase, {"name": path.stem, **data}, f"case '{name}'")
+    return validate(Case, data, f"case '{name}'")
 
 
 def with_changes(case: Case, changes: Mapping[str, object]) -> Case:

@@ -6,6 +6,7 @@ import glob
 import json
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,7 +16,10 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from pinograsp import defaults
 from pinograsp.cases.reading import validate
+from pinograsp.cases.reserve_section import ReserveSection, TaskSection, read_reserve, read_task
 from pinograsp.cases.sections import (
+    LONGEST_NAME,
+    NAME,
     CaseSection,
     NotNegative,
     Number,
@@ -24,6 +28,7 @@ from pinograsp.cases.sections import (
     find_source,
     read_hand_settings,
 )
+from pinograsp.cases.wishes_section import WishesSection
 from pinograsp.contacts import Closure, Friction, FrictionModel, Measure, close_hand
 from pinograsp.contacts.compliance import MEASURES
 from pinograsp.errors import InvalidInput
@@ -38,41 +43,11 @@ from pinograsp.planner import GraspPlan, PlanOptions, Search, plan_best, plan_gr
 from pinograsp.spatial import Array, pose_of, rotation_rpy
 from pinograsp.synthesis import GraspSearch, find_grasps
 
-Share = Annotated[float, Field(ge=0, lt=1)]
-Times = Annotated[float, Field(ge=1, le=1000)]
-
 
 def _pose(at: tuple[float, ...]) -> tuple[float, ...]:
     if len(at) not in (3, 6):
         raise ValueError(f"expected x, y, z or x, y, z, roll, pitch, yaw [m, deg], got {len(at)} numbers")
     return at
-
-
-class ReserveSection(CaseSection):
-    """What the plan is to withstand besides the weight, see :class:`~pinograsp.forces.Reserve`."""
-
-    disturbance: NotNegative = Reserve().disturbance
-    moment_arm: NotNegative | None = None
-    mass: Share = Reserve().mass
-    friction: Share = Reserve().friction
-    normal_force: NotNegative = Reserve().normal_force
-    torque: Share = Reserve().torque
-    softer: Times = Reserve().softer
-    stiffer: Times = Reserve().stiffer
-
-
-def _reserve(given: object) -> object:
-    """The fields in a text: ``none``, ``default``, or some of them, as in ``disturbance=0.3,mass=0.1``."""
-    if not isinstance(given, str):
-        return given
-    if given.strip() in ("none", "default"):
-        return None if given.strip() == "none" else {}
-    parts = [part.partition("=") for part in given.split(",")]
-    names = [name.strip() for name, _, _ in parts]
-    if not all(sign for _, sign, _ in parts) or len(set(names)) < len(names):
-        known = ", ".join(ReserveSection.model_fields)
-        raise ValueError(f"expected none, default, or NAME=VALUE,... each once of {known}, got '{given:.60}'")
-    return {name.strip(): value.strip() for name, _, value in parts}
 
 
 class ObjectCase(CaseSection):
@@ -81,13 +56,13 @@ class ObjectCase(CaseSection):
     ``object`` is the text of :func:`~pinograsp.objects.object_from` or its fields,
     ``{"shape": "sphere", "radius": 0.03, ...}``. ``at`` is the placement of the object's frame, that of its file, in
     the hand's: x, y, z [m] and optionally roll, pitch, yaw [deg]; without it, the best of ``samples`` is used.
-    ``within``: where to hold it, lower and upper corner of a box in its own frame [m]. ``least_fingers``: that grasps
-    are to have, as of :func:`~pinograsp.synthesis.find_grasps`. ``friction``: None: as
+    ``wishes``: how it is to be held, :class:`~pinograsp.synthesis.Wishes`. ``tasks``: what is done with it, each as
+    ``{"name": "screw", "torque": 0.5}`` or a text, ``screw:torque=0.5``; in the reserve. ``friction``: None: as
     :class:`~pinograsp.forces.GraspConditions` choose it. ``reserve``: ``"none"``, ``"default"``, its fields, or a text
     of them; not given: the default one, and none where the search or the objective knows none. ``torque_limit``: of
     every joint [N m or N], where it is below its effort limit, or that is a placeholder. ``check``: simulate grasps
     that were found, and take one that is held. ``posture``: of joints of no finger, as of an arm, by name [rad or m].
-    Relative paths start at ``folder``.
+    Relative paths start at ``folder``. ``name``: of the results' folder, runs/NAME; ``out``: another folder for them.
     """
 
     hand: str
@@ -100,8 +75,8 @@ class ObjectCase(CaseSection):
     samples: Annotated[int, Field(ge=1, le=100_000)] = defaults.GRASPS
     seed: Annotated[int, Field(ge=0)] = 0
     wrap: bool = False
-    within: tuple[Number, Number, Number, Number, Number, Number] | None = None
-    least_fingers: Annotated[int, Field(ge=1)] | None = None
+    wishes: WishesSection = WishesSection()
+    tasks: tuple[Annotated[TaskSection, BeforeValidator(read_task)], ...] = ()
     table: bool = False
     hulls: bool = True
     palm: str | None = None
@@ -118,15 +93,20 @@ class ObjectCase(CaseSection):
     measure: Measure = "impulse"
     objective: Objective | dict[Objective, NotNegative] | None = None
     solver: Solver = "auto"
-    reserve: Annotated[ReserveSection | None, BeforeValidator(_reserve)] = Field(default_factory=ReserveSection)
+    reserve: Annotated[ReserveSection | None, BeforeValidator(read_reserve)] = Field(default_factory=ReserveSection)
     torque_limit: Annotated[float, Field(gt=0)] | None = None
     check: bool = False
+    schema_: Literal[1] = Field(1, alias="schema", exclude=True)
+    name: Annotated[str, Field(pattern=NAME, max_length=LONGEST_NAME)] | None = Field(None, exclude=True)
+    out: str | None = Field(None, exclude=True)
     folder: Path = Field(Path("."), exclude=True)
 
     @model_validator(mode="after")
     def _search(self) -> ObjectCase:
-        if self.within is not None and self.at is not None:
-            raise ValueError("within says where a search holds the object: expected it without at")
+        if self.wishes != WishesSection() and self.at is not None:
+            raise ValueError("wishes say how a search holds the object: expected them without at")
+        if self.tasks and self.reserve is None:
+            raise ValueError("tasks are part of the reserve: expected reserve other than none")
         if self.torque_limit is not None and self.search != "convex":
             raise ValueError(f"torque_limit: expected with search='convex', got search='{self.search}'")
         return self
@@ -139,6 +119,23 @@ class ObjectCase(CaseSection):
             CaseRejected: values that cannot be used, all of them named at once.
         """
         return validate(cls, values, "hand and object")
+
+    def changed(self, options: Mapping[str, Any]) -> ObjectCase:
+        """The same with options that are not at their defaults, by name; wishes one by one.
+
+        Raises:
+            CaseRejected: values that cannot be used, all of them named at once.
+        """
+        fields = type(self).model_fields
+        given = {
+            name: value
+            for name, value in options.items()
+            if value not in (None, [], {}, fields[name].get_default(call_default_factory=True))
+        }
+        if "wishes" in given:
+            given["wishes"] = self.wishes.model_dump(exclude_unset=True) | given["wishes"]
+        kept = {name: getattr(self, name) for name in self.model_fields_set if name != "schema_"}
+        return validate(type(self), kept | given, "hand and object") if given else self
 
     def settings(self) -> dict[str, Any]:
         """As plain values with all defaults."""
@@ -170,12 +167,17 @@ class ObjectCase(CaseSection):
         return find_grasps(
             self.load_hand(),
             self.make_object(),
-            GraspConditions(mu=self.mu, friction=self._friction(), table=self.table, torque_limit=self._torque_limit()),
+            GraspConditions(
+                mu=self.mu,
+                friction=self._friction(),
+                table=self.table,
+                torque_limit=self._torque_limit(),
+                reserve=ReserveSection().make(self.tasks),
+            ),
             count=self.samples,
             seed=self.seed,
             wrap=self.wrap,
-            within=None if self.within is None else (self.within[:3], self.within[3:]),
-            least_fingers=self.least_fingers,
+            wishes=self.wishes.make(),
             jobs=jobs,
             progress=progress,
         )
@@ -206,8 +208,8 @@ class ObjectCase(CaseSection):
         else:
             closure = self.closure()
             plan = plan_grasp_on(closure.hand, closure, conditions, options, progress=progress)
-        name = self.object if isinstance(self.object, str) else str(self.object.get("shape", "object"))
-        return replace(plan, settings={"name": f"{self.hand}, {name}", **self.settings()})
+        what = self.object if isinstance(self.object, str) else str(self.object.get("shape", "object"))
+        return replace(plan, settings={"name": self.name or f"{self.hand}, {what}", **self.settings()})
 
     def _find(self) -> GraspSearch:
         found = self.grasps(jobs=1, progress=False)
@@ -252,9 +254,9 @@ class ObjectCase(CaseSection):
         objective = self.objective
         names = {objective} if isinstance(objective, str) else set(objective or ())
         knows = self.search == "convex" and self.solver in ("auto", "clarabel") and names <= {*MEASURES, "peak"}
-        if self.reserve is None or not (knows or "reserve" in self.model_fields_set):
+        if self.reserve is None or not (knows or {"reserve", "tasks"} & self.model_fields_set):
             return None
-        return Reserve(**self.reserve.model_dump())
+        return self.reserve.make(self.tasks)
 
 
 def object_fields(spec: str | dict[str, Any]) -> dict[str, Any]:

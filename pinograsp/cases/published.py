@@ -11,14 +11,17 @@ from pinograsp.cases.case import Case, with_changes
 from pinograsp.cases.changes import CaseChanges
 from pinograsp.contacts import Measure
 from pinograsp.contacts.quality import Balance
+from pinograsp.errors import Status
 from pinograsp.forces import (
     ForceProblem,
     GridSpec,
     QPSolverName,
+    Reserve,
     grid_search,
     optimize_grasp,
     qp_solvers,
     refine_multipliers,
+    search_reserve,
 )
 from pinograsp.motion import contact_postures
 from pinograsp.motion.grasp_ik import ContactPath, press_points
@@ -45,6 +48,7 @@ UNOPTIMISED_ENERGY_MJ = 73.6  # MSC.Adams, without optimisation
 NET_FORCE_N = 0.089
 PENETRATION_MM = 3.3
 
+_HALVINGS = 5  # of the reserve's disturbance
 _BALANCES: tuple[Balance, ...] = ("force", "wrench")
 _MEASURES: tuple[Measure, ...] = ("work", "impulse")
 
@@ -87,6 +91,34 @@ def compare(case: Case) -> list[ComparisonRow]:
         _row("energy, not optimised (MSC.Adams)", "mJ", UNOPTIMISED_ENERGY_MJ, None, "needs a simulation"),
         *_compare_torques(plan),
     ]
+
+
+def tell_figures(plan: GraspPlan) -> list[tuple[str, str]]:
+    """The paper's main figures beside those of a plan of its case, a line each, and why its answer is what it is."""
+    lines = [
+        (row.quantity, f"paper {row.published:.4g} {row.unit}, ours {row.ours:.4g} {row.unit}")
+        for row in _compare_forces(plan)
+        if row.published is not None and row.ours is not None
+    ]
+    forces = [text for name, text in lines if name.startswith("normal force")]
+    fingers = " / ".join(NORMAL_FORCES_N)
+    pairs = [text.removeprefix("paper ").split(" N, ours ") for text in forces]
+    paper, ours = (" / ".join(pair[i].removesuffix(" N") for pair in pairs) for i in (0, 1))
+    figures = [(name, text) for name, text in lines if "normal force" not in name]
+    return [(f"F_n {fingers}", f"paper {paper} N, ours {ours} N"), *figures, ("with a reserve", _tell_reserve(plan))]
+
+
+def _tell_reserve(plan: GraspPlan) -> str:
+    """The largest push that a squeeze of the same contacts withstands beside the default reserve's other parts."""
+    least, most, default = 0.0, Reserve().disturbance, Reserve()
+    if search_reserve(plan.problem, default).status is Status.OK:
+        return f"a squeeze of these contacts withstands pushes of {100 * most:.0f} % of the weight"
+    for _ in range(_HALVINGS):
+        middle = (least + most) / 2
+        works = search_reserve(plan.problem, replace(default, disturbance=middle)).status is Status.OK
+        least, most = (middle, most) if works else (least, middle)
+    push = f"{100 * least:.1g} % of the weight at most; the default reserve: {100 * default.disturbance:.0f} %"
+    return f"a squeeze of these contacts withstands a push of {push}"
 
 
 def _compare_forces(plan: GraspPlan) -> list[ComparisonRow]:

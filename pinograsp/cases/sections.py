@@ -61,6 +61,9 @@ Range = Annotated[tuple[Positive, Positive], AfterValidator(_check_increasing)]
 Angles = dict[str, tuple[Number, ...]]
 
 
+NAME, LONGEST_NAME = r"^\w[\w.-]*$", 100  # of a case: it becomes the name of a folder
+
+
 class CaseSection(BaseModel):
     """A section of a case file: unknown keys and numbers that are not finite are refused."""
 

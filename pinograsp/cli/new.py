@@ -20,6 +20,7 @@ _ENDINGS = (".yaml", ".yml")
 def new(
     *,
     file: Annotated[Path, typer.Argument(help="What to write: a name that ends in .yaml.")],
+    search: Annotated[bool, typer.Option("--search", help="A hand and an object, whose grasps are searched.")] = False,
     sweep: Annotated[bool, typer.Option("--sweep", help="A sweep instead of a case.")] = False,
     force: Annotated[bool, force_option("FILE")] = False,
     session: Session,
@@ -29,6 +30,8 @@ def new(
     Examples:
       pinograsp new case.yaml && pinograsp plan case.yaml
 
+      pinograsp new pick.yaml --search && pinograsp plan pick.yaml
+
       pinograsp new sweep.yaml --sweep && pinograsp sweep sweep.yaml
     """
     from pinograsp.writing import write_file
@@ -36,11 +39,13 @@ def new(
     if file.suffix not in _ENDINGS:
         raise InvalidInput(f"FILE: expected a name that ends in {' or '.join(_ENDINGS)}, got '{file.name:.100}'")
     refuse_existing("FILE", file, force)
-    kind = "sweep" if sweep else "case"
+    if search and sweep:
+        raise InvalidInput("--search, --sweep: expected one of them, got both")
+    kind = "sweep" if sweep else "search" if search else "case"
     text = (Path(__file__).parent / f"new_{kind}.yaml").read_text(encoding="utf-8")
     write_file(file, text.replace("FILE", printable(shlex.quote(str(file))), 1).encode())
     if session.as_json:
         session.print_json({"file": str(file), "kind": kind})
         return
     running = [(command("sweep" if sweep else "plan", file), "runs as it is: make it yours")]
-    show([], [("Written", f"{file}: a {kind} with all its keys explained")], running)
+    show([], [("Written", f"{file}: a {'sweep' if sweep else 'case'} with all its keys explained")], running)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _hand = partial(option, "How to read the hand")
 _grasp = partial(option, "Where to grasp")
+_wish = partial(option, "How to hold it (with --hand and --object)")
 _friction = partial(option, "Friction")
 _work = partial(option, "Who works")
 
@@ -99,11 +100,6 @@ class GraspOptions:
     at: str | None = _grasp("Object in the hand's frame, x,y,z\\[,roll,pitch,yaw] \\[m, deg]; default: searched.")
     samples: int = _grasp("Without --at: grasps to try.", default=defaults.GRASPS)
     seed: int = _grasp("Without --at: seed of the search.", default=0)
-    within: str | None = _grasp(
-        "Where to hold it, a handle for example: lower and upper corner of a box in the object's frame \\[m].",
-        metavar="X,Y,Z,X,Y,Z",
-    )
-    least_fingers: int | None = _grasp("Prefer grasps by so many fingers; default: 3, or all that there are.")
     wrap: bool = _grasp("Wrap the fingers round the object (power grasp).", "--wrap", default=False)
     hulls: bool = _grasp("Take the convex hulls of the hand's meshes, as physics engines do.", default=True)
     mu: float = _friction("Friction coefficient of the search and the plan.", default=defaults.MU)
@@ -119,10 +115,37 @@ class GraspOptions:
         values = asdict(self)
         if self.at is not None:
             values["at"] = read_numbers("--at", self.at, (3, 6), "x,y,z or x,y,z,roll,pitch,yaw [m, deg]")
-        if self.within is not None:
-            corners = "the lower and the upper corner of a box, x,y,z,x,y,z [m]"
-            values["within"] = read_numbers("--within", self.within, (6,), corners)
         return values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WishOptions:
+    """How an object is to be held."""
+
+    touching_fingers: str | None = _wish(
+        "Names of the fingers that alone may touch it.", "--fingers", metavar="NAME,NAME,..."
+    )
+    least_fingers: int | None = _wish("That touch it; 2 for pinches. Default: 3 are preferred.")
+    within: str | None = _wish(
+        "Part outside which nothing touches: a name that the object's file has, or lower and upper corner of a box in "
+        "the object's frame \\[m].",
+        metavar="PART",
+    )
+    touching: list[str] | None = _wish("Part that a finger touches; repeatable.", metavar="PART")
+    forbidden: list[str] | None = _wish("Part that nothing touches; repeatable.", metavar="PART")
+    approach: str | None = _wish(
+        "From where the hand comes: above, below, side, or a direction x,y,z\\[,cone in deg]\\[,object].",
+        metavar="SIDE",
+    )
+    edges: bool = _wish("Contacts may lie on edges of the object.", "--edges/--no-edges", default=True)
+    palm_touches: bool | None = _wish("The palm touches, too, or does not.", "--palm-touches/--no-palm", default=None)
+    opening: float = _wish("How far it may be displaced before the open hand is in its way \\[m].", default=0.0)
+
+    def settings(self) -> dict[str, Any]:
+        """By the names of a case of hand and object: those that were given."""
+        plain, names = WishOptions(), {"touching_fingers": "fingers", "palm_touches": "palm"}
+        given = {name: value for name, value in asdict(self).items() if value not in ([], getattr(plain, name))}
+        return {names.get(name, name): value for name, value in given.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperCommand
 
 from pinograsp.cli import completion
-from pinograsp.cli.options import ArmOptions, GraspOptions, force_option, new_folder, out_option
+from pinograsp.cli.options import ArmOptions, GraspOptions, WishOptions, force_option, new_folder, out_option
 from pinograsp.cli.screen import RIGHT, columns, command, needs, print_table, show
 from pinograsp.cli.session import Session, argument, option
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 (all shapes: below)"
 _WIDE = 120  # columns of a terminal that are enough for the notes of the comparison
+_BESIDE_PAPER = ("impact time t_I", "friction used", "it withstands")  # which the paper's figures stand for
 _SOME = 6  # contacts that are named one by one
 
 _thing = partial(option, "What to grasp")
@@ -78,6 +79,12 @@ class AloneOptions:
         "factors on the contacts' stiffness).",
         choices=completion.RESERVES,
     )
+    tasks: list[str] | None = _pair(
+        "What is done with it, borne besides the weight: screw:torque=0.5, pour:tilt_deg=60, insert:force=5, "
+        "pull:force=5,direction=0 0 1, shake:acceleration=3; repeatable.",
+        "--task",
+        metavar="NAME:FIELD=VALUE,...",
+    )
     changes: list[str] | None = _case(
         "Change a value of the case; repeatable.", "--set", metavar="KEY=VALUE", complete=completion.keys
     )
@@ -87,7 +94,8 @@ class AloneOptions:
 
     def settings(self) -> dict[str, Any]:
         """By the names of a case of hand and object."""
-        settings = {"table": self.table, "torque_limit": self.torque_limit, "check": self.check}
+        settings: dict[str, Any] = {"table": self.table, "torque_limit": self.torque_limit, "check": self.check}
+        settings |= {"tasks": self.tasks} if self.tasks else {}
         return settings if self.reserve is None else {**settings, "reserve": self.reserve}
 
 
@@ -108,6 +116,7 @@ class WhatOptions:
 def plan(
     *,
     what: WhatOptions,
+    wishes: WishOptions,
     grasp: GraspOptions,
     forces: ForceOptions,
     alone: AloneOptions,
@@ -140,24 +149,21 @@ def plan(
     chosen = {key: value for key, value in asdict(forces).items() if value is not None}
     case, hand, object = what.case, what.hand, what.object
     if case is not None and hand is None and object is None:
-        _refuse_with_case(session, case)
-        if alone.reserve not in (None, "none"):
-            raise InvalidInput("--reserve: expected --hand and --object, got CASE: its forces hold its load alone")
         if alone.compare and case != "paper":
             raise InvalidInput(
                 f"--compare: expected with the case 'paper', whose figures are published, got '{case:.200}'"
             )
-        _plan_case(case, chosen, alone, (out, force), session)
+        options = {**grasp.settings(), **arm.settings(), **chosen, **alone.settings(), "wishes": wishes.settings()}
+        _plan_case(case, options, chosen, alone, (out, force), session)
     elif case is None and hand is not None and object is not None:
         if alone.changes:
             raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
         if alone.compare:
             raise InvalidInput("--compare: expected with the case 'paper', got --hand and --object")
-        described = make_case(hand, object, {**grasp.settings(), **arm.settings(), **chosen, **alone.settings()})
+        options = {**grasp.settings(), **arm.settings(), **chosen, **alone.settings(), "wishes": wishes.settings()}
+        described = make_case(hand, object, options)
         kind = object.partition(":")[0]
-        with new_folder(out, force, f"{Path(hand).stem}-{kind}") as folder:
-            found = search_grasps(described, session)
-            _finish(described.plan(found, progress=session.progress), folder, session)
+        _plan_pair(described, f"{Path(hand).stem}-{kind}", (out, force), session)
     else:
         raise InvalidInput("expected either CASE, or --hand and --object")
 
@@ -172,7 +178,13 @@ _IN_CASES = {
     "mu": "friction.mu",
     "friction": "friction.model",
     "safety": "friction.safety",
-    **dict.fromkeys(("within", "samples", "seed", "least_fingers", "wrap", "table", "check"), "contacts"),
+    **dict.fromkeys(
+        (
+            *("samples", "seed", "wrap", "table", "check", "tasks", "touching_fingers", "least_fingers", "within"),
+            *("touching", "forbidden", "approach", "edges", "palm_touches", "opening"),
+        ),
+        "contacts",
+    ),
     "torque_limit": "limits.torque_limit",
 }
 
@@ -193,17 +205,33 @@ def _refuse_with_case(session: Session, case: str) -> None:
         )
 
 
+def _plan_pair(case: ObjectCase, name: str, results: tuple[Path | None, bool], session: Session) -> None:
+    with new_folder(*results, name) as folder:
+        found = search_grasps(case, session)
+        _finish(case.plan(found, progress=session.progress), folder, session)
+
+
 def _plan_case(
     case: str,
+    options: dict[str, Any],
     chosen: dict[str, str],
-    options: AloneOptions,
+    alone: AloneOptions,
     results: tuple[Path | None, bool],
     session: Session,
 ) -> None:
     from pinograsp.cases import load_case
+    from pinograsp.cases.case import with_changes
+    from pinograsp.cases.object_case import ObjectCase
 
-    changes = [f'forces.{key}="{value}"' for key, value in chosen.items()]
-    loaded = load_case(case, texts=[*(options.changes or []), *changes])
+    loaded = load_case(case, texts=alone.changes or [])
+    if isinstance(loaded, ObjectCase):
+        out, force = results
+        out = Path(loaded.out) if out is None and loaded.out is not None else out
+        _plan_pair(loaded.changed(options), loaded.name or "mine", (out, force), session)
+        return
+    _refuse_with_case(session, case)
+    changes: dict[str, object] = {f"forces.{key}": value for key, value in chosen.items()}
+    loaded = with_changes(loaded, changes | ({} if alone.reserve is None else {"reserve": alone.reserve}))
     with new_folder(*results, loaded.name) as folder:
         try:
             planned = loaded.plan(progress=session.progress)
@@ -212,7 +240,8 @@ def _plan_case(
             if error.solution.search == "convex":
                 _keep_proof(error, loaded, folder)
             raise
-        _finish(_with_comparison(planned, loaded) if options.compare else planned, folder, session)
+        planned = _with_comparison(planned, loaded) if alone.compare else planned
+        _finish(planned, folder, session, published=case == "paper" and alone.reserve is None)
 
 
 def _with_comparison(plan: GraspPlan, case: Case) -> GraspPlan:
@@ -248,8 +277,10 @@ def search_grasps(case: ObjectCase, session: Session) -> GraspSearch | None:
     return search
 
 
-def _finish(plan: GraspPlan, folder: NewFolder, session: Session) -> None:
-    """Save a plan with its report and figures, print it, and exit with its code."""
+def _finish(plan: GraspPlan, folder: NewFolder, session: Session, *, published: bool = False) -> None:
+    """Save a plan with its report and figures, print it, and exit with its code; ``published``: beside the paper's
+    figures.
+    """
     from pinograsp.planner import save_run
 
     plan = plan.with_margins().with_reach().with_tolerance()
@@ -265,7 +296,7 @@ def _finish(plan: GraspPlan, folder: NewFolder, session: Session) -> None:
     else:
         if plan.comparison:
             _print_comparison(plan)
-        print_plan(plan, folder.path, session)
+        print_plan(plan, folder.path, session, published=published)
     if plan.status.exit_code:
         raise typer.Exit(plan.status.exit_code)
 
@@ -295,8 +326,8 @@ def _print_comparison(plan: GraspPlan) -> None:
     typer.echo("")
 
 
-def print_plan(plan: GraspPlan, folder: Path, session: Session) -> None:
-    """Print a plan: what was planned, and at the end the answer."""
+def print_plan(plan: GraspPlan, folder: Path, session: Session, *, published: bool = False) -> None:
+    """Print a plan: what was planned, and at the end the answer; ``published``: with the paper's figures."""
     from pinograsp.plan.answer import describe_robustness, does_it_hold, friction_used, shares
     from pinograsp.report import list_details, summarize
 
@@ -323,16 +354,22 @@ def print_plan(plan: GraspPlan, folder: Path, session: Session) -> None:
         )
         if plan.hand_in_object is not None:
             facts.append(("hand", known["hand"]))
+    if published:
+        from pinograsp.cases.published import tell_figures
+
+        facts = [*tell_figures(plan), *(fact for fact in facts if fact[0] not in _BESIDE_PAPER)]
     answer = does_it_hold(plan)
     answers = [
         ("Does it hold?", answer.text),
-        ("How hard?", f"{_presses(plan)}; joints bear at most {plan.peak_efforts()}"),
+        ("How hard?", f"{_presses(plan)}; joint torques up to {plan.peak_efforts()}"),
         ("Results", f"{folder / 'report.html'}, beside it report.md, plan.json, plan.npz, figures"),
     ]
     then = [
         (command("check", folder), "try it in simulation"),
         (command("view", folder), f"look at it in a browser{needs('viz', 'viser')}"),
     ]
+    if published:
+        then = [then[0], (command("plan", "mug"), "a hand picks up a mug, with a reserve")]
     show(facts, answers, then, title=f"Grasp plan '{plan.name}'", level=answer.level, more=session.more)
 
 

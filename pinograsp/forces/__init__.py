@@ -29,6 +29,7 @@ from pinograsp.forces.robust.reserve_search import (
     search_reserve,
 )
 from pinograsp.forces.robust.sensitivity import Sensitivity, force_sensitivity
+from pinograsp.forces.robust.task import Task
 from pinograsp.forces.robust.wrench_closure import ForceClosure, force_closure, min_weight
 from pinograsp.forces.settings import ForceSettings
 from pinograsp.forces.solution import (
@@ -105,6 +106,7 @@ __all__ = [
     "SolverAnswer",
     "SolverName",
     "StiffnessScenario",
+    "Task",
     "Tolerance",
     "TorqueLimit",
     "TorqueLimits",

@@ -84,7 +84,8 @@ class Relaxation:
             part = _PARTS[self.limit]
             nothing = _nothing(self.limit)
             share = nothing + (_part(setup, self.limit) - nothing) / f
-            return replace(setup, reserve=replace(reserve, **{part: share}))
+            changed[part] = share
+            return replace(setup, reserve=replace(reserve, **changed))
         if self.limit == "torque_limit":
             limit = None if setup.limit is None else self._raise_limits(setup.limit)
             torques = problem.torques

@@ -245,7 +245,7 @@ class MjcfRobot:
         else:
             form = yourdfpy.Geometry(mesh=yourdfpy.Mesh(ELLIPSOID, size))
         if collides:
-            link.collisions.append(yourdfpy.Collision(name="", origin=at.homogeneous, geometry=form))
+            link.collisions.append(yourdfpy.Collision(name=model.geom(geom).name, origin=at.homogeneous, geometry=form))
         if model.geom_group[geom] <= _SHOWN:
             link.visuals.append(yourdfpy.Visual(origin=at.homogeneous, geometry=form, material=self._material(geom)))
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, items_of, number, placement_of, read_only, shorten
+from pinograsp.checks import array_of, brief, items_of, mapping_of, number, placement_of, read_only, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array, BoolArray, cross, moments_problem
 
@@ -36,6 +37,7 @@ class BodyArguments(TypedDict, total=False):
     pose: ArrayLike
     inertia: ArrayLike | None
     notes: tuple[str, ...]
+    regions: Mapping[str, ArrayLike]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,6 +52,8 @@ class Body:
         inertia: rotational inertia (3, 3) about the centre of mass, body axes [kg m^2], where it was measured; None:
             that of a homogeneous solid.
         notes: what was changed in what was given, and sizes that hint at other units than metres.
+        regions: parts that have a name, as the groups of an OBJ file have: lower and upper corner (2, 3) of a box in
+            the body frame [m].
         shape_pose: oMs (4, 4), the shape's own frame s in the world [m], in which ``collision_geometry`` is: at the
             centre of mass, with the body's axes, or those of a primitive that its file turned.
     """
@@ -59,6 +63,7 @@ class Body:
     pose: Array = field(default_factory=lambda: np.eye(4))
     inertia: Array | None = field(default=None, repr=False)
     notes: tuple[str, ...] = field(default=(), repr=False)
+    regions: Mapping[str, Array] = field(default_factory=dict, repr=False)
     shape_pose: Array = field(init=False, repr=False)
 
     __repr__ = brief()
@@ -95,6 +100,8 @@ class Body:
             raise InvalidInput(f"{name}: expected a size whose inertia is a finite number, this one is too large")
         given = [note for note in items_of("notes", self.notes, str) if not note.endswith(_UNITS)]
         self._set(notes=(*given, *self._doubtful_units()))
+        regions: Mapping[str, ArrayLike] = mapping_of("regions", self.regions, "{name: (lower, upper corner)}")
+        self._set(regions={name: read_only(check_box(f"region '{name}'", box)) for name, box in regions.items()})
 
     @property
     def _across(self) -> float:
@@ -249,6 +256,14 @@ class Body:
         if np.any(where):
             point = points_s[np.argmax(where)] @ self.shape_pose[:3, :3].T + self.com_o
             raise InvalidInput(f"{complaint} (at {(1e3 * point).round(3).tolist()} mm in the world)")
+
+
+def check_box(name: str, corners: ArrayLike) -> Array:
+    """Lower and upper corner (2, 3) of a box along an object's axes [m]; :class:`InvalidInput` where there is none."""
+    box = array_of(name, corners, (2, 3))
+    if not (box[0] < box[1]).all():
+        raise InvalidInput(f"{name}: expected lower corner < upper corner, got {box[0].tolist()} and {box[1].tolist()}")
+    return box
 
 
 class PrimitiveArguments(BodyArguments, total=False):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -42,6 +42,7 @@ class CollisionShape:
         pose: of the shape in the file's frame (4, 4) [m].
         path: of a mesh that comes from a file.
         triangles: of another mesh: vertices (n, 3) [m] and faces (m, 3).
+        name: in the file; empty where it has none.
     """
 
     kind: Kind
@@ -49,6 +50,7 @@ class CollisionShape:
     pose: Array
     path: Path | None = None
     triangles: tuple[Array, IntArray] | None = field(default=None, compare=False)
+    name: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +83,8 @@ def urdf_description(robot: ElementTree.Element, folder: Path, packages: Mapping
     for collision in collisions_of(link):
         geometry, kind = shape_of(collision, URDF_SIZES)
         size = [numbers(geometry, key, n, "1 1 1" if kind == "mesh" else None) for key, n in URDF_SIZES[kind].items()]
-        parts.append(part_of(kind, size, origin_of(collision), geometry.get("filename", ""), folder, packages))
+        part = part_of(kind, size, origin_of(collision), geometry.get("filename", ""), folder, packages)
+        parts.append(replace(part, name=collision.get("name", "")))
     inertial = link.find("inertial")
     mass = None if inertial is None else inertial.find("mass")
     if inertial is None or mass is None:
@@ -127,7 +130,8 @@ def sdf_description(root: ElementTree.Element, folder: Path, packages: Mapping[s
             raise ValueError("<submesh> is not supported: give it a mesh file of its own")
         size = [_texts(geometry, key, n, "1 1 1" if kind == "mesh" else None) for key, n in _SDF[kind].items()]
         uri = (geometry.findtext("uri") or "").strip()
-        parts.append(part_of(kind, size, of_link @ _read_pose(collision), uri, folder, packages))
+        part = part_of(kind, size, of_link @ _read_pose(collision), uri, folder, packages)
+        parts.append(replace(part, name=collision.get("name", "")))
     inertial = link.find("inertial")
     if inertial is None or inertial.find("mass") is None:
         return Description(parts=tuple(parts), mass=None, com=None, inertia=None)

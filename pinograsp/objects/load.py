@@ -15,7 +15,7 @@ from pinograsp.objects.body import Body, InertiaImpossible
 from pinograsp.objects.ellipsoid import Ellipsoid
 from pinograsp.objects.mesh import Mesh
 from pinograsp.objects.mesh_checks import convex_surface
-from pinograsp.objects.mesh_files import read_surface
+from pinograsp.objects.mesh_files import find_bounds, read_surface
 from pinograsp.objects.mesh_union import one_of_several
 from pinograsp.objects.primitives import Box, Capsule, Cylinder, Sphere
 from pinograsp.spatial import Array, IntArray
@@ -97,6 +97,7 @@ def load_object(
         inertia = inertia * (mass / found.mass)
     try:
         solid = _solid(found, com, inertia, given, hulls)
+        solid._set(regions=_regions(found.parts, hulls))
     except InvalidInput as error:
         raise InvalidInput(f"object file '{name}': {error}".replace("convex=True", "hulls=True")) from None
     if found.notes:
@@ -123,6 +124,17 @@ def _solid(
         vertices, faces, notes = one_of_several(surfaces)
     given = {"vertices": vertices, "faces": faces, "com": com, "notes": notes, "convex": alone and hulls, **given}
     return _with_inertia(lambda **more: Mesh(**given, **more), inertia)
+
+
+def _regions(parts: Sequence[CollisionShape], hulls: bool) -> dict[str, Array]:
+    """Boxes (2, 3) about the shapes that have a name, in the file's frame [m]; of one name: about all of them."""
+    if len(parts) < 2 or not any(part.name for part in parts):
+        return {}
+    found: dict[str, list[Array]] = {}
+    for part, (vertices, _) in zip(parts, _surfaces(parts, hulls).values()):
+        if part.name:
+            found.setdefault(part.name, []).append(vertices)
+    return {name: find_bounds(np.concatenate(points)) for name, points in found.items()}
 
 
 def _with_inertia(make: Callable[..., _Solid], inertia: Array | None) -> _Solid:

@@ -15,7 +15,7 @@ from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.decomposition import ConvexParts, convex_parts
 from pinograsp.objects.mesh_checks import convex_surface
-from pinograsp.objects.mesh_files import mesh_files, read_surface
+from pinograsp.objects.mesh_files import mesh_files, read_regions, read_surface
 from pinograsp.objects.mesh_union import concatenate, convex_pieces, one_of_several, one_solid
 from pinograsp.objects.triangles import TriangleSurface
 from pinograsp.spatial import Array, IntArray, pose_of
@@ -134,6 +134,8 @@ class Mesh(Body):
         except InvalidInput as error:
             rest = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
             raise InvalidInput(f"mesh file '{paths[0]}'{rest}: {error}") from None
+        if len(paths) == 1:
+            mesh._set(regions={name: scale * box for name, box in read_regions(paths[0]).items()})
         if not convex and (pieces := convex_pieces(surfaces.values())):
             mesh._derived.parts = ConvexParts(tuple(read_only(corners - mesh.com_b) for corners in pieces), 0.0)
         return mesh

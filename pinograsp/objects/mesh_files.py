@@ -55,6 +55,62 @@ def _check_links(files: Sequence[Path], formats: Sequence[str]) -> None:
             )
 
 
+def read_regions(path: Path) -> dict[str, Array]:
+    """Boxes (2, 3) about the parts of a mesh file that have a name, in the file's units: an OBJ's objects or groups,
+    the nodes of a GLB or DAE scene. Files of one part have none.
+    """
+    import trimesh  # slow to import
+
+    from pinograsp.hands.mesh_file import load_mesh_file
+
+    if path.suffix.lower() not in (".obj", ".glb", ".dae"):
+        return {}
+    if path.suffix.lower() == ".obj":
+        try:
+            found = _read_groups(path)
+        except (ValueError, IndexError):  # lines that trimesh reads otherwise
+            return {}
+    else:
+        scene = load_mesh_file(path)
+        if not isinstance(scene, trimesh.Scene):
+            return {}
+        found = {}
+        for node in scene.graph.nodes_geometry:
+            pose, name = scene.graph[node]
+            vertices = trimesh.transform_points(scene.geometry[name].vertices, pose)
+            found.setdefault(str(node), []).append(vertices)
+    points = {name: np.concatenate(parts) for name, parts in found.items()}
+    return {name: find_bounds(one) for name, one in points.items()} if len(points) > 1 else {}
+
+
+def _read_groups(path: Path) -> dict[str, list[Array]]:
+    """The corners of the faces of each object (``o``) of an OBJ file, or of each group (``g``) where it has these."""
+    vertices: list[list[float]] = []
+    faces: dict[str, dict[str, list[int]]] = {"o": {}, "g": {}}
+    name = {"o": "", "g": ""}
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        kind, *words = line.split() or [""]
+        if kind == "v":
+            vertices.append([float(word) for word in words[:3]])
+        elif kind in name:
+            name[kind] = " ".join(words)
+        elif kind == "f":
+            corners = [int(word.partition("/")[0]) for word in words]
+            for of, one in name.items():
+                if one:
+                    into = faces[of].setdefault(one, [])
+                    into += [i - 1 if i > 0 else len(vertices) + i for i in corners]
+    points = np.array(vertices).reshape(-1, 3)
+    named = max(faces.values(), key=len)
+    return {one: [points[sorted(set(corners))]] for one, corners in named.items()}
+
+
+def find_bounds(points: Array) -> Array:
+    """Lower and upper corner (2, 3) of points (n, 3), a hair apart where these are flat."""
+    hair = 1e-9
+    return np.array([points.min(axis=0) - hair, points.max(axis=0) + hair])
+
+
 def read_surface(path: Path) -> tuple[Array, IntArray]:
     """Vertices (n, 3) in the file's units, in metres where it says them (COLLADA), and faces (m, 3)."""
     from pinograsp.hands.mesh_file import FORMATS, read_triangles  # with Pinocchio, slow to import

@@ -97,6 +97,7 @@ def _collect_parts(read: MjcfRobot, folder: Path) -> list[CollisionShape]:
     shapes = read_shapes(robot, MeshNames(folder=folder, inline=read.inline), left_out)
     if left_out:
         raise ValueError("; ".join(left_out))
+    names = [collision.name for link in robot.links for collision in link.collisions]
     return [
         CollisionShape(
             kind=shape.kind,
@@ -104,8 +105,9 @@ def _collect_parts(read: MjcfRobot, folder: Path) -> list[CollisionShape]:
             pose=at[shape.link] @ shape.placement.homogeneous,
             path=None if shape.triangles is not None or not shape.path else Path(shape.path),
             triangles=shape.triangles,
+            name=name,
         )
-        for shape in shapes
+        for shape, name in zip(shapes, names)
     ]
 
 

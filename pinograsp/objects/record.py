@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import one_of
+from pinograsp.checks import mapping_of, one_of
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.ellipsoid import Ellipsoid
@@ -25,7 +26,7 @@ _SHAPES: dict[str, tuple[type[Body], tuple[str, ...]]] = {
     "mesh": (Mesh, ("vertices", "faces", "convex")),
 }
 _ALL = ("mass", "density", "pose")
-_OPTIONAL = ("inertia", "notes")  # left out where they say nothing, as is what one kind alone has
+_OPTIONAL = ("inertia", "notes", "regions")  # left out where they say nothing, as is what one kind alone has
 _ARRAYS = ("size", "semi_axes", "vertices", "faces", "shape_b", "pose", "inertia", "com")
 
 
@@ -47,7 +48,11 @@ def object_record(body: Body) -> dict[str, Any] | None:
 
 
 def _plain(value: object) -> object:
-    return value.tolist() if isinstance(value, np.ndarray) else list(value) if isinstance(value, tuple) else value
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    return list(value) if isinstance(value, tuple) else value
 
 
 def object_of(record: dict[str, Any]) -> Body:
@@ -70,6 +75,9 @@ def object_of(record: dict[str, Any]) -> Body:
         if not isinstance(record["notes"], list) or not all(isinstance(note, str) for note in record["notes"]):
             raise InvalidInput(f"object record: notes: expected a list of texts, got {record['notes']!r:.60}")
         values["notes"] = tuple(record["notes"])
+    if "regions" in values:
+        regions = mapping_of("object record: regions", record["regions"], "{name: (lower, upper corner)}")
+        values["regions"] = {name: _array(f"region '{name}'", box) for name, box in regions.items()}
     try:
         return kind(**values)
     except OverflowError as error:

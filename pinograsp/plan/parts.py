@@ -143,6 +143,7 @@ class PlanReserve:
         torque: share of each torque limit that is kept free [-].
         softer: the contacts may be softer by this factor [-], with the hand's own servos.
         stiffer: or stiffer by this factor [-].
+        tasks: what is done with the object, in words.
         loads: number of loads that stand for all of these.
         impact_times: that a search tried; the forces are the proven optimum at the one that it took.
         above_unrestricted: share [-] by which the objective is above the proven least of a hand whose every contact
@@ -161,6 +162,7 @@ class PlanReserve:
     above_unrestricted: float = 0.0
     softer: float = 1.0
     stiffer: float = 1.0
+    tasks: tuple[str, ...] = ()
 
     __repr__ = brief()
 

@@ -159,6 +159,7 @@ def record_reserve(reserve: Reserve, squeeze: RobustForces, tried: int, unrestri
         torque=reserve.torque,
         softer=reserve.softer,
         stiffer=reserve.stiffer,
+        tasks=tuple(task.describe() for task in reserve.tasks),
         loads=len(squeeze.load_set.loads),
         impact_times=tried,
         above_unrestricted=max(0.0, squeeze_cost(squeeze) / unrestricted - 1.0) if unrestricted > 0 else 0.0,

@@ -107,12 +107,12 @@ def plan_best(
             best = _check(best)[0] if check else best
         return best.with_tolerance()
     near = [GraspTask.of_closure(one.closure, conditions, options) for one in found.near]
-    raise _refusal(refused, near, found.size_remark)
+    raise _refusal(refused, near, (*filter(None, [found.size_remark]), *found.unmet))
 
 
-def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], size: str) -> NoGrasp:
-    """What came of grasps none of which could be planned: a failure, with what would do, and the object's ``size``
-    where that is in the way.
+def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], remarks: tuple[str, ...]) -> NoGrasp:
+    """What came of grasps none of which could be planned: a failure, with what would do, after ``remarks``: the
+    object's size or wishes, where these are in the way.
 
     It is that of the best grasp; or, where one of wider conditions fails under the given ones, too, of that one.
     """
@@ -128,13 +128,14 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], si
     if not isinstance(error, SearchFailed):
         return error
     told = task.advise(error)
-    if len(refused) == 1:
+    if len(refused) == 1 and not remarks:
         return told
     proven = sum(isinstance(one, GraspInfeasible) for one, _ in refused)
     how = "proven for each of them" if proven == len(refused) else f"proven for {proven} of them"
     lead = f"none of the {len(refused)} grasps that were found can be planned ({how}). Of the nearest one:"
-    if size:
-        lead = f"{size}. {lead}"
+    if len(refused) == 1:
+        lead = "the one grasp that was found cannot be planned:"
+    lead = "\n".join([*remarks, lead])
     kind = type(told) if proven in (0, len(refused)) else GraspUndecided
     return kind(f"{lead} {told}", told.solution, remedy=told.remedy)
 

@@ -12,7 +12,7 @@ from pinograsp.checks import instance_of
 from pinograsp.contacts import Closure, close_hand
 from pinograsp.contacts.support_plane import SupportPlane
 from pinograsp.errors import GraspInfeasible, InvalidInput, SearchFailed
-from pinograsp.forces import ForceProblem, GraspConditions, TorqueLimit
+from pinograsp.forces import ForceProblem, GraspConditions, Reserve, TorqueLimit
 from pinograsp.forces.relaxation import Setup
 from pinograsp.hands import HandModel
 from pinograsp.motion import MotionSpec, effort_of
@@ -31,6 +31,7 @@ def plan_grasp(
     options: PlanOptions = AS_USUAL,
     *,
     torque_limit: TorqueLimit = None,
+    reserve: Reserve | None = None,
     progress: bool | None = None,
 ) -> GraspPlan:
     """Plan a grasp: least-energy contact forces, then the joint motion and torques with the least peak torque.
@@ -42,6 +43,7 @@ def plan_grasp(
         torque_limit: the convex search keeps the holding torques at t_F within it: largest |torque| (n,) or one number
             [N m], or ``"effort"``: the hand's own effort limits (joints without one are not limited: a caution names
             them); None: the problem's own limits, if it has any.
+        reserve: what the forces are to withstand besides the problem's load, of an object; the convex search's alone.
         progress: bar on stderr: None (on a terminal), True or False.
 
     Returns:
@@ -59,8 +61,9 @@ def plan_grasp(
     instance_of("hand", hand, HandModel)
     instance_of("problem", problem, ForceProblem)
     instance_of("options", options, PlanOptions)
+    instance_of("reserve", reserve, Reserve, type(None))
     limit = None if torque_limit is None else effort_of(hand, torque_limit)
-    return GraspTask(hand=hand, setup=Setup(problem, None, limit), options=options, progress=progress).plan()
+    return GraspTask(hand=hand, setup=Setup(problem, reserve, limit), options=options, progress=progress).plan()
 
 
 def plan_grasp_on(

@@ -2,5 +2,6 @@
 
 from pinograsp.synthesis.found import FoundGrasp, hold, problem_of
 from pinograsp.synthesis.search import GraspSearch, find_grasps
+from pinograsp.synthesis.wishes import Approach, Wishes
 
-__all__ = ["FoundGrasp", "GraspSearch", "find_grasps", "hold", "problem_of"]
+__all__ = ["Approach", "FoundGrasp", "GraspSearch", "Wishes", "find_grasps", "hold", "problem_of"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
@@ -38,7 +38,6 @@ from pinograsp.spatial import Array
 from pinograsp.words import lines_of
 
 _SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
-FINGERS = 3  # that are to take part, where a hand has so many and enough grasps of so many hold
 ROOMS = (0.0025, 0.005, 0.0075, 0.01, 0.015, 0.02)  # [m] of the open hand about the object: sizes that count
 SOUND = 2  # rank of a grasp that withstands the reserve on contacts that are sure
 # What a squeeze of the first rank may sum up to, and one that is not refined further: times the weight, or newtons per
@@ -72,6 +71,8 @@ class FoundGrasp:
         wanted_fingers: more of them rank no higher.
         room: how far the object may be displaced, along its table or anywhere, before the open hand is in its way [m],
             as far as that counts; 0 of power grasps.
+        look_o: unit direction (3,) from where the fingers start to what is between their tips, in the world: the hand
+            comes along it.
     """
 
     pose: Array
@@ -87,6 +88,7 @@ class FoundGrasp:
     fingers: int
     wanted_fingers: int
     room: float = 0.0
+    look_o: Array = field(default_factory=lambda: np.zeros(3))
 
     __repr__ = brief()
     _repr_html_ = in_notebook
@@ -143,11 +145,11 @@ def hold(
     *,
     impact_time: float = 0.9,
     quick: bool = False,
-    least_fingers: int | None = None,
+    wanted_fingers: int = 2,
 ) -> tuple[str, FoundGrasp | None]:
     """Forces that hold a closed hand's object, as a grasp; and the outcome in words.
 
-    ``least_fingers``: that are wanted, as for :func:`~pinograsp.synthesis.find_grasps`.
+    ``wanted_fingers``: more of them rank no higher.
 
     ``quick``: to compare many, with the squeeze of the certification where that is good enough, which may press harder
     than the least that withstands the reserve, and of which it is not asked whether the hand can press its contacts
@@ -182,7 +184,7 @@ def hold(
         energy=forces.certificate.objective,
         load_factor=0.0 if bare else load_factor(problem, impact_time=impact_time),
         fingers=len({touch.finger for touch in touching} - {PALM}),
-        wanted_fingers=least_fingers or min(FINGERS, len(closure.hand.fingers)),
+        wanted_fingers=wanted_fingers,
     )
 
 

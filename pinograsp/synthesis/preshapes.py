@@ -63,7 +63,14 @@ class Preshape:
     __repr__ = brief()
 
 
-def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60, uneven: bool = False) -> list[Preshape]:
+def preshapes(
+    hand: HandModel,
+    rng: np.random.Generator,
+    *,
+    samples: int = 60,
+    uneven: bool = False,
+    fingers: tuple[str, ...] | None = None,
+) -> list[Preshape]:
     """Preshapes of any width, the best opposed ones of each share of the way.
 
     Args:
@@ -71,8 +78,9 @@ def preshapes(hand: HandModel, rng: np.random.Generator, *, samples: int = 60, u
         rng: for the joints that spread or oppose fingers.
         samples: postures of these joints.
         uneven: some fingers are further on their way than others, as where they are not mirror images.
+        fingers: names of those that alone close; None: all. The others stay open.
     """
-    tips, collisions = _Tips(hand), SelfCollisions(hand)
+    tips, collisions = _Tips(hand, fingers), SelfCollisions(hand)
     found: list[Preshape] = []
     spreads = tips.spreads
     varied = len(spreads) or uneven
@@ -105,12 +113,14 @@ def rest_of(hand: HandModel) -> Array:
     return np.clip(hand.resting, hand.lower, hand.upper)
 
 
-def refine(hand: HandModel, shapes: list[Preshape], rng: np.random.Generator) -> list[Preshape]:
+def refine(
+    hand: HandModel, shapes: list[Preshape], rng: np.random.Generator, *, fingers: tuple[str, ...] | None = None
+) -> list[Preshape]:
     """The best opposed of ``shapes`` near each of some widths, fingers spread and moved until they oppose better.
 
     Without joints that spread or oppose fingers there are none.
     """
-    tips, free = _Tips(hand), free_of_themselves(hand, shapes)
+    tips, free = _Tips(hand, fingers), free_of_themselves(hand, shapes)
     if not len(tips.spreads):
         return []
     shapes = free if len(free) >= _REFINED else shapes
@@ -135,7 +145,7 @@ def refine(hand: HandModel, shapes: list[Preshape], rng: np.random.Generator) ->
 class _Tips:
     """Fingertips of a hand, in its root frame."""
 
-    def __init__(self, hand: HandModel):
+    def __init__(self, hand: HandModel, fingers: tuple[str, ...] | None):
         self.hand, self.data = hand, hand.model.createData()
         self.oMh = pin.SE3(np.array(hand.pose))
         low, high = np.maximum(hand.lower, -np.pi), np.minimum(hand.upper, np.pi)
@@ -155,8 +165,15 @@ class _Tips:
         self.towards = self._towards()
         self.yielding = self._yielding()
         self.flanked = self.own[(self.beside.sum(axis=1) > 1)].any(axis=0)  # joints of fingers beside others
-        fingers = np.unique(np.concatenate([dofs for _, dofs in self.fingers]))
-        self.spreads = fingers[~self.flexion[fingers]]  # joints of a wrist stay
+        moving = np.unique(np.concatenate([dofs for _, dofs in self.fingers]))
+        self.spreads = moving[~self.flexion[moving]]  # joints of a wrist stay
+        self.still = np.zeros(hand.n, dtype=bool)  # joints of fingers that stay open
+        if fingers is not None:
+            which = [finger.name in fingers for finger in hand.fingers]
+            closing: BoolArray = np.asarray(self.own[which].any(axis=0))
+            self.still[:] = self.own.any(axis=0) & ~closing
+            self.fingers = [one for one, closes in zip(self.fingers, which) if closes]
+            self.own, self.spreads = self.own[which], self.spreads[closing[self.spreads]]
 
     def _put(self, q: Array) -> None:
         pin.computeJointJacobians(self.hand.model, self.data, q)
@@ -233,7 +250,7 @@ class _Tips:
         if yielded:
             stop = np.where(closing, self.hand.lower, self.hand.upper)
             opened, closed = (np.where(self.yielding, stop, q) for q in (opened, closed))
-        return opened, closed
+        return opened, np.where(self.still, opened, closed)
 
     def ahead(self, rng: np.random.Generator) -> Array:
         """Shares of the way (n,) that the joints of a finger are ahead of, or behind, those of the others."""

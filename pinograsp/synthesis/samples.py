@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -29,13 +30,15 @@ from pinograsp.spatial import Array, cross
 from pinograsp.synthesis.found import ROOMS, FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centre_on
 from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refine, rest_of
-from pinograsp.synthesis.seeds import Pairs, Region, find_pairs
+from pinograsp.synthesis.seeds import Pairs, find_pairs
+from pinograsp.synthesis.wishes import Miss, WishCheck, Wishes
 from pinograsp.words import printable
 
 _BLOCKED = ("the open hand overlaps the object", "the open hand overlaps the object or the table")
-_OUTSIDE = "the hand touches the object outside the given box"
+MISSED = "not as wished"
 _LEAST_BALANCED = 100.0  # no imbalance is nearly as large
 _LOOKS = 5  # at the hand on its way, whether it hits the table
+_TURNS = 48  # of a hand about the line between its fingertips, of which a wished approach takes one
 _DRAWS = 12  # of pair, preshape and turn, until the open hand is clear of the object
 _BACKWARDS = 6  # steps that take an open hand back from an object that it overlaps
 _BALANCED = 0.15  # imbalance of preshapes that are used, where there are enough of them
@@ -68,8 +71,7 @@ class SearchCase:
     scene: BulkScene | None
     collisions: SelfCollisions
     parts: bool
-    region: Region | None = None
-    least_fingers: int | None = None
+    wish_check: WishCheck
 
 
 def make_search_case(
@@ -79,11 +81,11 @@ def make_search_case(
     impact_time: float,
     wrap: bool,
     rng: np.random.Generator,
-    region: Region | None = None,
-    least_fingers: int | None = None,
+    wishes: Wishes,
 ) -> SearchCase:
     """Preshapes of the hand and pairs of the object, which all samples draw from."""
-    prepared = _prepare_hand(hand)
+    check = WishCheck(wishes, hand, body, conditions.gravity_o)
+    prepared = _prepare_hand(hand, check.fingers)
     return SearchCase(
         hand=hand,
         rough=prepared.rough,
@@ -92,13 +94,12 @@ def make_search_case(
         impact_time=impact_time,
         wrap=wrap,
         preshapes=prepared.preshapes,
-        pairs=find_pairs(body, rng, region),
+        pairs=check.choose(find_pairs(body, rng, check.within, [region for _, region in check.touching])),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
         scene=scene_of(prepared.rough, body),
         collisions=prepared.collisions,
         parts=prepared.parts,
-        region=region,
-        least_fingers=least_fingers,
+        wish_check=check,
     )
 
 
@@ -112,14 +113,17 @@ class _PreparedHand(NamedTuple):
 
 
 @functools.lru_cache(maxsize=4)
-def _prepare_hand(hand: HandModel) -> _PreparedHand:
-    """The hand with hulls, its preshapes, drawn once, and what of it may collide; a second or several."""
+def _prepare_hand(hand: HandModel, fingers: tuple[str, ...] | None) -> _PreparedHand:
+    """The hand with hulls, its preshapes, drawn once, and what of it may collide; a second or several.
+
+    ``fingers``: that alone close; None: all.
+    """
     rng, rough = np.random.default_rng(0), hand_of_hulls(hand)
-    shapes = preshapes(rough, rng)
+    shapes = preshapes(rough, rng, fingers=fingers)
     good = _usable(rough, shapes)
     if len(good) < _ENOUGH and not cannot_stop_alone(hand):
-        shapes += preshapes(rough, rng, uneven=True)
-        shapes += refine(rough, [one for one in shapes if one.yielded] or shapes, rng)
+        shapes += preshapes(rough, rng, uneven=True, fingers=fingers)
+        shapes += refine(rough, [one for one in shapes if one.yielded] or shapes, rng, fingers=fingers)
         good = _usable(rough, shapes)
     if len(good) < _NEAREST:
         good = sorted(shapes, key=lambda one: one.imbalance)[: 4 * _NEAREST]
@@ -156,11 +160,20 @@ class Batch(NamedTuple):
 
 
 class Posed(NamedTuple):
-    """A hand placed open beside the object, and the posture that it closes to."""
+    """A hand placed open beside the object, the posture that it closes to, and the direction (3,) that it looks in, in
+    its root frame.
+    """
 
     hand: HandModel
     opened: Array
     closed: Array
+    look_h: Array
+
+    @property
+    def look_o(self) -> Array:
+        """That direction in the world (3,)."""
+        look: Array = np.array(self.hand.pose)[:3, :3] @ self.look_h
+        return look
 
 
 def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
@@ -177,14 +190,18 @@ def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     if not drawn:
         return Batch(outcomes, None)
     ranked = [max(drawn, key=lambda sample: sample[1].worth)]  # each better than the one before
+    better = 0  # the attempt that was the last to improve it
     for attempt in range(_MOST_TRIES):
         posed, tried = ranked[-1]
         if attempt >= _TRIES and tried.grasp is not None and tried.grasp.gentle:
+            break
+        if case.wish_check.wishes.names and tried.grasp is None and attempt - better > _TRIES:
             break
         moved = _move(case, posed, rng, 1.0 - attempt % _TRIES / _TRIES)
         other = _try_closing(case, moved)
         if other.worth > tried.worth:
             ranked.append((moved, other))
+            better = attempt
     return Batch(outcomes, _best_of(case, ranked))
 
 
@@ -194,7 +211,7 @@ def _best_of(case: SearchCase, ranked: list[tuple[Posed, Tried]]) -> FoundGrasp 
     for posed, tried in ranked[: -_EXACT - 1 : -1]:
         if tried.grasp is None or (best is not None and best.sound >= tried.grasp.sound):
             break
-        placed = Posed(case.hand.placed(posed.hand.pose), posed.opened, posed.closed)
+        placed = posed._replace(hand=case.hand.placed(posed.hand.pose))
         exact = _try_closing(case, _open_wider(case, placed), quick=False).grasp
         if exact is None or exact.room < tried.grasp.room:
             exact = _try_closing(case, placed, quick=False).grasp
@@ -212,9 +229,9 @@ def _open_wider(case: SearchCase, posed: Posed) -> Posed:
     """The same with a start from farther back on the way of its fingers, for an object that is not where it should be;
     as far as the joints' limits and the other links let it.
     """
-    hand, opened, closed = posed
+    hand, opened, closed, _ = posed
     wider = np.clip(opened - _WIDER * (closed - opened), hand.lower, hand.upper)
-    return posed if case.collisions.between(opened, wider) else Posed(hand, wider, closed)
+    return posed if case.collisions.between(opened, wider) else posed._replace(opened=wider)
 
 
 class Tried(NamedTuple):
@@ -242,19 +259,29 @@ def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried
         return Tried(f"fingers collide ({_name_pair(closure.self_collisions[0])})")
     if not _above(case, posed.hand, np.linspace(posed.opened, closure.q, _LOOKS)):
         return Tried("the hand would hit the table")
-    outside = max(_outside(case, closure).values(), default=0.0)
-    if outside > 0:  # ranks after all that is inside, and the nearer, the better
-        return Tried(_OUTSIDE, imbalance=_LEAST_BALANCED + outside / case.body.bounding_radius)
-    outcome, grasp = hold(
-        closure, case.conditions, impact_time=case.impact_time, quick=quick, least_fingers=case.least_fingers
-    )
+    look_o = np.array(closure.hand.pose)[:3, :3] @ posed.look_h
+    if rejected := _reject(case.wish_check.misses(closure, look_o)):
+        return rejected
+    wanted = case.wish_check.wanted_fingers
+    outcome, grasp = hold(closure, case.conditions, impact_time=case.impact_time, quick=quick, wanted_fingers=wanted)
     if grasp is not None:
-        grasp = replace(grasp, room=_find_room(case, grasp.pose, posed.opened))
+        turn = grasp.pose[:3, :3] @ posed.look_h
+        grasp = replace(grasp, room=_find_room(case, grasp.pose, posed.opened), look_o=turn)
+        if rejected := _reject(case.wish_check.misses_of_forces(grasp.closure, grasp.room)):
+            return rejected
     touching = [touch for touch in closure.touches if touch.finger]
     if grasp is not None or len(touching) < 2:
         return Tried(outcome, grasp)
     _, imbalance = balance(*(np.array([getattr(one, at) for one in touching]) for at in ("point_o", "normal_o")))
     return Tried(outcome, imbalance=imbalance)
+
+
+def _reject(misses: Iterator[Miss]) -> Tried | None:
+    """A sample that is not as wished: it ranks after all that are, and the nearer, the better."""
+    found = list(misses)
+    if not found:
+        return None
+    return Tried(f"{MISSED} ({found[0].wish})", imbalance=_LEAST_BALANCED + sum(one.by for one in found))
 
 
 def _name_pair(links: tuple[str, str]) -> str:
@@ -273,7 +300,7 @@ def _find_room(case: SearchCase, pose: Array, opened: Array) -> float:
     roots = np.tile(pose, (len(ways), 1, 1))
     q, parts = np.tile(opened, (len(ways), 1)), np.arange(len(scene.parts))
     room = 0.0
-    for size in ROOMS:
+    for size in sorted({*ROOMS, case.wish_check.wishes.opening} - {0.0}):
         roots[:, :3, 3] = pose[:3, 3] - size * ways
         if scene.gaps(q, roots, parts, _ON).min() < _ON:
             break
@@ -282,7 +309,7 @@ def _find_room(case: SearchCase, pose: Array, opened: Array) -> float:
 
 
 def _closure(case: SearchCase, posed: Posed) -> Closure:
-    """The hand closed; fingers that touch the object outside the region stay open, as long as two others close."""
+    """The hand closed; fingers that touch the object where they should not stay open, as long as two others close."""
     hand, closed = posed.hand, posed.closed.copy()
     if cannot_stop_alone(hand) and not case.wrap:
         closure = centre_on(hand, case.body, posed.opened, closed, case.collisions)
@@ -293,25 +320,13 @@ def _closure(case: SearchCase, posed: Posed) -> Closure:
         closure = close_hand(
             hand, case.body, start=posed.opened, target=closed, wrap=case.wrap, collisions=case.collisions
         )
-        outside = [name for name in _outside(case, closure) if name in closing]
+        misses = case.wish_check.misses(closure, posed.look_o) if case.wish_check.of_parts else ()
+        outside = {name for miss in misses for name in miss.fingers if name in closing}
         if not outside or len(closing) - len(outside) < 2:
             return closure
         for name in outside:
             dofs = closing.pop(name).dofs
             closed[dofs] = posed.opened[dofs]
-
-
-def _outside(case: SearchCase, closure: Closure) -> dict[str, float]:
-    """How far outside the region the fingers that do so touch the object [m]."""
-    if case.region is None:
-        return {}
-    region = replace(case.region, pose=closure.object.pose)  # jaws may have pushed it
-    found: dict[str, float] = {}
-    for touch in closure.touches:
-        by = float(region.outside(touch.patch_o).max())
-        if by > 0:
-            found[touch.finger] = max(by, found.get(touch.finger, 0.0))
-    return found
 
 
 def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | None:
@@ -328,6 +343,9 @@ def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | None:
         shape = shapes[int(rng.choice(nearest))]
         axis = pairs.axes_o[i] if rng.random() < 0.5 else -pairs.axes_o[i]
         frame = _across(axis, rng.uniform(0, 2 * np.pi))
+        if case.wish_check.look_o is not None:
+            frames = np.array([_across(axis, turn) for turn in rng.uniform(0, 2 * np.pi, _TURNS)])
+            frame = frames[case.wish_check.draw_turn(frames, rng)]
         deep = rng.uniform(0, 1) * shape.depth if rng.random() < _DEEP else 0.0
         turn = frame @ _across_of(shape).T
         # The hand's centre between its fingertips, moved towards the palm, goes to the middle of the pair.
@@ -337,7 +355,7 @@ def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | None:
         if placed is not None and case.wrap:
             placed = _press_on(placed, body, shape.opened, out)
         if placed is not None and _above(case, placed, shape.opened[None]):
-            return Posed(placed, shape.opened, shape.closed)
+            return Posed(placed, shape.opened, shape.closed, shape.out_h)
     return None
 
 
@@ -380,7 +398,7 @@ def _move(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float)
     """The hand moved and turned about the object a little, its fingers spread a little differently."""
     pose, body = np.array(posed.hand.pose), case.body
     turn = pin.exp3(size * _TURN * rng.normal(size=3))
-    about = body.com_o if case.region is None else case.region.middle_o
+    about = body.com_o if case.wish_check.within is None else case.wish_check.within.middle_o
     pose[:3, :3] = turn @ pose[:3, :3]
     pose[:3, 3] = about + turn @ (pose[:3, 3] - about)
     pose[:3, 3] += size * _MOVE * body.bounding_radius * rng.normal(size=3)
@@ -389,7 +407,7 @@ def _move(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float)
     spread &= (posed.opened == posed.closed) & (find_stops(hand, posed.opened) == 0)
     by = np.where(spread, size * _SPREAD * rng.normal(size=hand.n) * (hand.upper - hand.lower), 0.0)
     opened, closed = (np.clip(q + by, hand.lower, hand.upper) for q in (posed.opened, posed.closed))
-    return Posed(case.rough.placed(pose), opened, closed)
+    return Posed(case.rough.placed(pose), opened, closed, posed.look_h)
 
 
 def _press_on(hand: HandModel, body: Body, q: Array, direction: Array) -> HandModel | None:

@@ -15,24 +15,23 @@ import pickle
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from pinograsp import defaults
-from pinograsp.checks import array_of, brief, flag, instance_of, integer, number, processes
+from pinograsp.checks import brief, flag, instance_of, integer, number, processes
 from pinograsp.contacts import (
     Contact,
     ContactSet,
     check_geometry,
 )
 from pinograsp.errors import GraspNotFound, InvalidInput, PinograspError
-from pinograsp.forces import GraspConditions
+from pinograsp.forces import GraspConditions, Task
 from pinograsp.hands import HandModel
 from pinograsp.hands.joint_limits import PLACEHOLDERS
 from pinograsp.hands.load import ON_ROOT
@@ -42,8 +41,8 @@ from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.synthesis.found import SOUND, FoundGrasp
 from pinograsp.synthesis.near import what_would_do, wider_conditions
-from pinograsp.synthesis.samples import Batch, SearchCase, hand_of_hulls, make_batch, make_search_case, scene_of
-from pinograsp.synthesis.seeds import Region
+from pinograsp.synthesis.samples import MISSED, Batch, SearchCase, hand_of_hulls, make_batch, make_search_case, scene_of
+from pinograsp.synthesis.wishes import NO_WISHES, WishCheck, Wishes
 from pinograsp.writing import write_errors
 
 _MOST = 100_000  # samples
@@ -51,6 +50,7 @@ _NO_WAY = "Its fingertips come together nowhere on their way: look at the joints
 _ROUNDS, _MOST_ROUNDS = 4, 8  # times ``count`` samples are tried, as long as no grasp is sound; where some withstand
 _PINCHING = 2  # of four rounds: where nothing is sound, the others look for power grasps
 _NEAR = 2  # grasps of wider conditions that are kept
+_FEW = 6  # batches that are searched without a wish, to say whether it is in the way
 _BATCH = 4  # samples, of which the best is refined
 _POOL, _PROCESS = 4.0, 0.5  # [s] that it takes other processes to start, and to take up a case
 _TOO_LARGE, _TOO_SMALL = 10.0, 100.0  # times: such an object was drawn in other units; walls may be thin
@@ -72,6 +72,8 @@ class GraspSearch:
         near: where no grasp withstands the reserve, the best of those that do without the limits of forces and torques,
             or with more friction besides: they show what is in the way.
         advice: lines of what would let forces hold the first of these, reserve included; each was tried.
+        unmet: where no grasp that is as wished withstands the reserve, lines that name the wishes in the way: a search
+            without each of them was made.
     """
 
     grasps: tuple[FoundGrasp, ...]
@@ -83,6 +85,7 @@ class GraspSearch:
     remarks: tuple[str, ...] = ()
     near: tuple[FoundGrasp, ...] = ()
     advice: tuple[str, ...] = ()
+    unmet: tuple[str, ...] = ()
 
     __repr__ = brief()
     _repr_html_ = in_notebook
@@ -108,24 +111,52 @@ class GraspSearch:
             return f"The object is very small: {sizes} {1e3 * least:.3g} to {1e3 * largest:.3g} mm"
         return ""
 
+    @property
+    def causes(self) -> dict[str, int]:
+        """The outcomes, without which links and which wishes, the most frequent first."""
+        found: dict[str, int] = {}
+        for what, count in self.outcomes.items():
+            cause = what if what.startswith(MISSED) else what.partition(" (")[0]
+            found[cause] = found.get(cause, 0) + count
+        return dict(sorted(found.items(), key=lambda one: one[1], reverse=True))
+
+    def _advise_on_most(self) -> str:
+        """What may be done about what failed most often; empty where nothing is known."""
+        for cause, count in self.causes.items():
+            if advice := _ADVICE.get(cause):
+                return f"{count} of {self.tried}, {cause}: {advice}"
+        return ""
+
     def explain(self) -> str:
         """What came of it in words: how many samples ended how, and what to do where none holds."""
-        counts = "; ".join(f"{_SAID.get(what, what)}: {count}" for what, count in self.outcomes.items())
+        causes = self.causes
+        counts = "; ".join(f"{_SAID.get(what, what)}: {count}" for what, count in causes.items())
         samples = _count(self.tried, "sample")
         if self.grasps:
             good = sum(grasp.withstands for grasp in self.grasps)
             which = "" if good == len(self.grasps) else f" ({good} with a squeeze that withstands the reserve)"
             grasps = _count(len(self.grasps), "grasp")
             text = f"{grasps}{which} from {samples}, the best of every {_BATCH} moved about. As drawn: {counts}"
-            remark = [] if good else [self.size_remark]
-            return "\n".join(filter(None, [text, *remark, *self.advice]))
+            remark = [] if good else [self.size_remark, self._advise_on_most()]
+            return "\n".join(filter(None, [text, *remark, *self.unmet, *self.advice]))
         text, (least, largest) = f"no grasp of {samples} holds the object: {counts}", self.opening
         text = ". ".join(filter(None, [text, self.size_remark, *self.remarks]))
         if not least / _TOO_SMALL < self.width < largest * _TOO_LARGE:
             text += "; millimetres read as metres, or metres as millimetres? (scale=0.001)"
-        return "\n".join([text, *self.advice])
+        return "\n".join(filter(None, [text, self._advise_on_most(), *self.unmet, *self.advice]))
 
 
+_ADVICE = {
+    "fingers collide": "fewer fingers may do better, Wishes(fingers=...), or a larger object",
+    "open fingers collide": "fewer fingers may do better, Wishes(fingers=...)",
+    "fewer than two contacts": "the object may be too small for this hand, or out of reach of its other fingers",
+    "forces infeasible": "more friction, less mass, or higher limits of force and torque",
+    "the open hand overlaps the object": "the hand opens too little, or another part of the object is narrower: "
+    "Wishes(within=...)",
+    "the open hand overlaps the object or the table": 'a higher object, or Wishes(approach="above")',
+    "the hand would hit the table": 'Wishes(approach="above"), or a higher part: Wishes(within=...)',
+    "the hand could not be closed": "links begin inside the object: look at scale and units",
+}
 _SAID = {"holds": "held"}  # outcomes of many
 
 
@@ -133,18 +164,17 @@ def _count(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-# Beside hand, object and conditions eight options: of the samples and of how they are run.
+# Beside hand, object and conditions seven options: of the samples and of how they are run.
 def find_grasps(
     hand: HandModel,
     body: Body,
     conditions: GraspConditions,
     *,
+    wishes: Wishes = NO_WISHES,
     count: int = defaults.GRASPS,
     seed: int = 0,
     impact_time: float = 0.9,
     wrap: bool = False,
-    within: ArrayLike | None = None,
-    least_fingers: int | None = None,
     jobs: int = -1,
     progress: bool | None = None,
 ) -> GraspSearch:
@@ -154,30 +184,27 @@ def find_grasps(
         hand: the hand, wherever it is.
         body: what is to be held, where it is.
         conditions: friction, limits and what is to be balanced.
+        wishes: by which fingers, where and from which side it is to be held.
         count: samples; up to four times as many, as long as no grasp withstands the reserve on contacts that are sure,
-            and firmly, and the object is not too large; up to eight times where some withstand it, but not so.
+            and firmly, and the object is not too large; without wishes up to eight times where some withstand it, but
+            not so.
         seed: of the samples' random numbers; the result does not depend on ``jobs``. A hand's preshapes are drawn once,
             with a seed of their own.
         impact_time: t_I of the forces that grasps are tried with [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it;
             these are looked for as well where half of the samples found nothing.
-        within: where to hold it, a handle for example: lower and upper corner (2, 3) of a box along the axes of the
-            object's frame, that of its file (after ``scale``) [m]; the hand touches it nowhere else,
-            fingers that would stay open.
-        least_fingers: grasps by fewer fingers rank after the others; default: 3, or all of a hand that has fewer; 2 for
-            pinches.
         jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.
 
     Returns:
-        First those that withstand the reserve within the torque limits, by the fingers that take part (up to
-        ``least_fingers``), then by the least squeeze that does; those with doubtful contacts, or a squeeze above 15
+        First those that withstand the reserve within the torque limits, by the fingers that take part (up to those that
+        are wished, or 3), then by the least squeeze that does; those with doubtful contacts, or a squeeze above 15
         times the weight, after the others; then by what they withstand in the weakest direction per newton; last those
         without force closure, by the multiple of the load that they hold.
         Stopped by Ctrl-C: those found until then.
 
     Raises:
-        InvalidInput: conditions or options that cannot be used.
+        InvalidInput: conditions, wishes or options that cannot be used.
         PinograspError: a process was lost, or the object's own code failed.
     """
     _check(hand, body, conditions, impact_time)
@@ -185,15 +212,13 @@ def find_grasps(
     count, seed = integer("count", count, at_least=1, at_most=_MOST), integer("seed", seed, at_least=0)
     impact_time = number("impact time t_I", impact_time, at_least=0, unit="s")
     flag("wrap", wrap)
-    region = None if within is None else _region(within, body)
-    if least_fingers is not None:
-        least_fingers = integer("least_fingers", least_fingers, at_least=1, at_most=len(hand.fingers))
+    instance_of("wishes", wishes, Wishes)
+    wrap |= wishes.palm is True
     jobs = processes(jobs)
     instance_of("progress", progress, bool, type(None))
     first, *rounds = np.random.SeedSequence(seed).spawn(1 + _MOST_ROUNDS)
     try:
-        rng = np.random.default_rng(first)
-        case = make_search_case(hand, body, conditions, impact_time, wrap, rng, region, least_fingers)
+        case = _make_case(hand, body, conditions, impact_time, wrap, first, wishes)
     except Exception as error:
         raise _plain(error) from None
     widths = [one.width for one in case.preshapes]
@@ -205,16 +230,23 @@ def find_grasps(
     with run.on_disk(), interrupts_kept() as interrupt:
         try:
             for i, one in enumerate(rounds):
-                if i == _ROUNDS and not any(grasp.withstands for grasp in run.found):
+                if i == _ROUNDS and (wishes.names or not any(grasp.withstands for grasp in run.found)):
                     break
-                run.batches(one, interrupt, wrap=wrap or i % _ROUNDS >= _PINCHING)
+                power = i % _ROUNDS >= _PINCHING and wishes.palm is None
+                run.batches(one, interrupt, wrap=wrap or power)
                 # Off its middle, what is too large may be held all the same.
                 hopeless = too_large and (not run.found or i + 1 == _PINCHING)
                 if hopeless or any(grasp.sound == SOUND for grasp in run.found):
                     break
-            near = () if any(grasp.withstands for grasp in run.found) else run.near(rounds[0], interrupt)
+            lacking = not any(grasp.withstands for grasp in run.found)
+            unmet = (
+                _find_unmet(run, first, rounds[0], interrupt)
+                if lacking and (wishes.names or _tasks(conditions))
+                else ()
+            )
+            near = run.near(rounds[0], interrupt) if lacking and not unmet else ()
         except KeyboardInterrupt:
-            run.interrupted, near = True, ()
+            run.interrupted, near, unmet = True, (), ()
         except BrokenProcessPool:
             why = "a process of the search was lost, by lack of memory or a crash: try fewer (jobs=1)"
             raise PinograspError(why) from None
@@ -230,7 +262,69 @@ def find_grasps(
         remarks=_remarks(hand) + (() if case.preshapes else (_NO_WAY,)),
         near=near,
         advice=what_would_do(near, conditions, impact_time),
+        unmet=unmet,
     )
+
+
+def _make_case(
+    hand: HandModel,
+    body: Body,
+    conditions: GraspConditions,
+    impact_time: float,
+    wrap: bool,
+    seed: np.random.SeedSequence,
+    wishes: Wishes,
+) -> SearchCase:
+    return make_search_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(seed), wishes)
+
+
+def _find_unmet(
+    run: _Run, first: np.random.SeedSequence, seed: np.random.SeedSequence, interrupt: Callable[[], None]
+) -> tuple[str, ...]:
+    """Which wishes are in the way, in words: a round of samples without each of them, then without all.
+
+    What is to be done with the object counts as one of them.
+    """
+    case, lines = run.case, list[str]()
+    wishes, tasks = case.wish_check.wishes, _tasks(case.conditions)
+    tries: list[tuple[str, ...]] = [(name,) for name in (*wishes.names, *(["tasks"] if tasks else []))]
+    if len(tries) > 1:
+        tries.append(tuple(name for (name,) in tries))
+    for names in tries:
+        if len(names) > 1 and lines:
+            break
+        conditions = case.conditions
+        if "tasks" in names and conditions.reserve is not None:
+            conditions = replace(conditions, reserve=replace(conditions.reserve, tasks=()))
+        wrap = case.wrap and (wishes.palm is not True or "palm" not in names)
+        other = _make_case(case.hand, case.body, conditions, case.impact_time, wrap, first, wishes.without(*names))
+        found = [grasp for grasp in run.other_round(other, seed, interrupt, _FEW) if grasp.withstands]
+        if found:
+            lines.append(_say_unmet(case, names, [_with_bodies(case.hand, case.body, grasp) for grasp in found]))
+    return tuple(lines)
+
+
+def _tasks(conditions: GraspConditions) -> tuple[Task, ...]:
+    return () if conditions.reserve is None else conditions.reserve.tasks
+
+
+def _say_unmet(case: SearchCase, names: tuple[str, ...], found: list[FoundGrasp]) -> str:
+    """A line about wishes without which there are grasps: how near the nearest of these comes."""
+    wishes, tasks = case.wish_check.wishes, ", ".join(task.describe() for task in _tasks(case.conditions))
+    alone = WishCheck(wishes.without(*set(wishes.names) - set(names)), case.hand, case.body, case.conditions.gravity_o)
+    misses = [[*alone.misses(one.closure, one.look_o), *alone.misses_of_forces(one.closure, one.room)] for one in found]
+    nearest = "; ".join(miss.description for miss in min(misses, key=lambda each: sum(miss.by for miss in each)))
+    which = ", ".join(f"{name}={tasks if name == 'tasks' else _as_text(getattr(wishes, name))}" for name in names)
+    lead = f"the wish {which} is" if len(names) == 1 else f"the wishes {which} are together"
+    size = alone.size_of_parts() if {"within", "touching"} & set(names) else ""
+    if not nearest:
+        nearest = "does all else" if "tasks" in names else "is as wished: more samples, or another seed, may find it"
+    count = f"{_count(len(found), 'grasp')} withstand{'s' * (len(found) == 1)} the reserve"
+    return f"{lead} in the way: without, {count}, and the nearest {nearest}{size}"
+
+
+def _as_text(value: object) -> str:
+    return str(value.tolist()) if isinstance(value, np.ndarray) else str(value)
 
 
 def _rank(found: list[FoundGrasp]) -> list[FoundGrasp]:
@@ -263,7 +357,7 @@ class _Run:
         """One round of samples."""
         case = replace(self.case, wrap=wrap)
         self.bar.total += sum(self.sizes)
-        for batch in self._results(case, seed):
+        for batch in self._results(case, seed, self.sizes):
             for outcome in batch.outcomes:
                 self.outcomes[outcome] = self.outcomes.get(outcome, 0) + 1
             self.bar.update(len(batch.outcomes))
@@ -272,23 +366,35 @@ class _Run:
             interrupt()
         interrupt()
 
+    def other_round(
+        self,
+        case: SearchCase,
+        seed: np.random.SeedSequence,
+        interrupt: Callable[[], None],
+        most: int | None = None,
+    ) -> list[FoundGrasp]:
+        """What one round of samples of another case finds; no more than ``most`` batches."""
+        found: list[FoundGrasp] = []
+        sizes = self.sizes[:most]
+        self.bar.total += sum(sizes)
+        for batch in self._results(case, seed, sizes):
+            self.bar.update(len(batch.outcomes))
+            found += [] if batch.grasp is None else [batch.grasp]
+            interrupt()
+        return found
+
     def near(self, seed: np.random.SeedSequence, interrupt: Callable[[], None]) -> tuple[FoundGrasp, ...]:
         """The best grasps of wider conditions, for what is in the way of the given ones: the first round again
         without the limits of forces and torques, then with more friction as well.
         """
         for conditions in wider_conditions(self.case.conditions):
-            found = []
-            self.bar.total += sum(self.sizes)
-            for batch in self._results(replace(self.case, conditions=conditions), seed):
-                self.bar.update(len(batch.outcomes))
-                found += [] if batch.grasp is None else [batch.grasp]
-                interrupt()
+            found = self.other_round(replace(self.case, conditions=conditions), seed, interrupt)
             if any(one.withstands for one in found):
                 return tuple(_rank(found)[:_NEAR])
         return ()
 
-    def _results(self, case: SearchCase, seed: np.random.SeedSequence) -> Iterator[Batch]:
-        work = list(zip(seed.spawn(len(self.sizes)), self.sizes))
+    def _results(self, case: SearchCase, seed: np.random.SeedSequence, sizes: Sequence[int]) -> Iterator[Batch]:
+        work = list(zip(seed.spawn(len(sizes)), sizes))
         for i, (batch, size) in enumerate(work):
             if self._pays(len(work) - i):
                 yield from self._results_elsewhere(case, work[i:])
@@ -343,16 +449,6 @@ def _check(hand: HandModel, body: Body, conditions: GraspConditions, impact_time
     problem = conditions.problem(body, ContactSet(contacts=(contact,), com_o=at + [0.0, 0.0, 1.0]))
     problem.checked_impact_time(impact_time)
     effort_of(hand, conditions.torque_limit)
-
-
-def _region(within: ArrayLike, body: Body) -> Region:
-    lower, upper = array_of("within", within, (2, 3))
-    if not (lower < upper).all():
-        raise InvalidInput(f"within: expected lower corner < upper corner, got {lower.tolist()} and {upper.tolist()}")
-    # No further than the object may reach: points are drawn inside.
-    com, radius = body.com_b, body.bounding_radius
-    lower, upper = (np.clip(corner, com - radius, com + radius) for corner in (lower, upper))
-    return Region(lower=lower, upper=upper, pose=body.pose)
 
 
 def _in_a_file(case: SearchCase, path: Path) -> str:

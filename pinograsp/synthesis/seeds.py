@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,15 @@ class Pairs:
     aside: Array
 
     __repr__ = brief()
+
+    def select(self, which: BoolArray) -> Pairs:
+        """Those for which ``which`` (p,) holds."""
+        return Pairs(
+            middles_o=self.middles_o[which],
+            axes_o=self.axes_o[which],
+            widths=self.widths[which],
+            aside=self.aside[which],
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,8 +77,12 @@ class Region:
         return points
 
 
-def find_pairs(body: Body, rng: np.random.Generator, region: Region | None = None) -> Pairs:
+def find_pairs(
+    body: Body, rng: np.random.Generator, region: Region | None = None, touched: Sequence[Region] = ()
+) -> Pairs:
     """Pairs of an object: lines along the normals of random surface points, from there to the other side.
+
+    ``region``: where both are; ``touched``: regions near which half of the points are drawn.
 
     Raises:
         InvalidInput: none of them is in the region.
@@ -79,7 +93,9 @@ def find_pairs(body: Body, rng: np.random.Generator, region: Region | None = Non
         directions /= np.linalg.norm(directions, axis=1)[:, None]
         # Half of the points from outside, half from within, where handles and other thin parts are met as often.
         away = np.where(np.arange(_POINTS) % 2 == 0, 1.5, 0.9 * rng.uniform(0.1, 1.0, _POINTS))
-        start = body.com_o + radius * away[:, None] * directions
+        start: Array = body.com_o + radius * away[:, None] * directions
+        for i, part in enumerate(touched):
+            start[2 * i + 1 :: 2 * len(touched)] = part.draw(rng, len(start[2 * i + 1 :: 2 * len(touched)]))
     else:
         start = region.draw(rng, _POINTS)
     first, axes, _ = body.project(start)

@@ -525,7 +525,7 @@ def test_a_search_that_finds_no_placement_is_no_grasp(command):
     assert code == 3 and told["status"] == "not_found" and "no grasp of 1" in told["message"] and err == ""
 
 
-@pytest.mark.parametrize("option", ["--within", "--at"])
+@pytest.mark.parametrize("option", ["--at"])
 @pytest.mark.parametrize("text", ["0,0,0,1,1", "0", "a,b,c", "1,2,3,4,5,6,7", ""])
 def test_options_of_several_numbers_say_how_many(command, option, text):
     code, _, err = command("plan", "--hand", "panda", "--object", "sphere:radius=0.02,mass=0.1", f"{option}={text}")

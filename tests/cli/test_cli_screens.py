@@ -89,7 +89,7 @@ def test_the_first_screens_of_other_commands(planned, tmp_path):
     code, lines = on_a_terminal(tmp_path, "plan", "--hand", "panda", "--object", "box:size=0.03x0.03x0.08,mass=0.1")
     answer = " ".join(" ".join(lines).split())
     assert code == 0 and fits(lines)
-    assert re.search(r"left [\d.]+ N at 4 contacts, .* joints bear at most [\d.]+ N Results", answer)
+    assert re.search(r"left [\d.]+ N at 4 contacts, .* joint torques up to [\d.]+ N Results", answer)
     (tmp_path / "way.csv").write_text("panda_joint1,panda_joint4\n0,-2\n0.8,-1.6\n")
     arm = ("carry", "runs/panda-box", "--robot", "panda", "--root", "panda_link0", "--path", "way.csv")
     code, lines = on_a_terminal(tmp_path, *arm, "--intervals", "40", "--check")

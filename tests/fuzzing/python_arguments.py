@@ -158,7 +158,7 @@ def _add_contacts(call: Callable) -> None:
     call(w.problem.compliance.normal_force, depth=[1e-3, 2e-3], rate=0.1)
     call(w.problem.compliance.depth, force=[1.0, 2.0])
     point = {"point_o": np.array([0.01, 0.0, 0.0]), "rotation_oc": np.eye(3), "length": 0.03, "distance": 0.0}
-    call(pg.Contact, finger="thumb", link="thumb_distal", **point, point_l=np.zeros(3))
+    call(pg.contacts.Contact, finger="thumb", link="thumb_distal", **point, point_l=np.zeros(3))
     call(pg.ContactSet, contacts=w.contacts.contacts, com_o=w.contacts.com_o, posture=w.q)
     shape = contacts.DecelerationShape
     call(shape.linear, start=1.0, end=0.5)

@@ -75,7 +75,7 @@ def test_the_same_forces_in_a_program_of_ones_own(plan, tmp_path):
     settings = {"max_rate": 500.0, "ramp": 0.01}
     plan.to_core(tmp_path / "grasp.hpp", **settings)
     (tmp_path / "main.cpp").write_text(LOADS)
-    command = [COMPILER, "-std=c++17", "-O1", "-Wall", "-Wextra", "-Wno-psabi", "-Werror", f"-I{pg.get_include()}"]
+    command = [COMPILER, "-std=c++17", "-O1", "-Wall", "-Wextra", "-Wno-psabi", "-Werror", f"-I{pg.core.get_include()}"]
     subprocess.run([*command, "main.cpp", "-o", "main"], cwd=tmp_path, check=True, timeout=300)
     loads = plan.problem.load * np.random.default_rng(0).uniform(0.7, 1.2, (20, 6))
     text = "\n".join(" ".join(map(repr, load)) for load in loads.tolist())

@@ -34,7 +34,14 @@ def test_a_mug_is_held_by_its_handle(tmp_path):
     body = pg.Mesh.load(tmp_path / "mug.stl", mass=0.1)
     conditions = pg.GraspConditions(mu=0.7)
     found = pg.find_grasps(
-        pg.load_hand("panda"), body, conditions, within=WITHIN, count=8, seed=4, jobs=1, progress=False
+        pg.load_hand("panda"),
+        body,
+        conditions,
+        wishes=pg.Wishes(within=WITHIN),
+        count=8,
+        seed=4,
+        jobs=1,
+        progress=False,
     )
     plan = plan_best(found, conditions)
     at = plan.contacts.points_o

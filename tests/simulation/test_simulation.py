@@ -371,7 +371,7 @@ def test_depth_of_a_ball_in_a_ball():
         outward = placed.rotation[:, 0]
         end, depth, radius = placed.translation + axes[0] * outward, rng.uniform(1e-4, 3e-3), 0.02
         ball = pg.Sphere(radius=radius, mass=0.1, pose=at(*(end + (radius - depth) * outward)))
-        contact = pg.Contact(
+        contact = pg.contacts.Contact(
             finger="index",
             link=finger.links[-1],
             point_o=end,

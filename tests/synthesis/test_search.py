@@ -27,7 +27,7 @@ from pinograsp.forces import GraspConditions, Reserve, force_closure
 from pinograsp.hands import load_hand
 from pinograsp.objects import Box, Cylinder, Mesh, Sphere
 from pinograsp.planner import plan_grasp, plan_grasp_on
-from pinograsp.synthesis import find_grasps
+from pinograsp.synthesis import Wishes, find_grasps
 from pinograsp.synthesis.preshapes import preshapes
 from pinograsp.synthesis.seeds import find_pairs
 
@@ -575,8 +575,8 @@ def test_fingers_take_part_before_the_squeeze_counts(allegro, ball, found):
         for one in grasps:
             assert one.fingers == len({touch.finger for touch in one.closure.touches if touch.finger not in ("", PALM)})
     with pytest.raises(InvalidInput, match="least_fingers"):
-        find_grasps(allegro, ball, least_fingers=5, **SETTINGS)
+        find_grasps(allegro, ball, wishes=Wishes(least_fingers=5), **SETTINGS)
 
 
 def _pinches(allegro, ball):
-    return find_grasps(allegro, ball, count=16, seed=3, jobs=1, least_fingers=2, **SETTINGS)
+    return find_grasps(allegro, ball, count=16, seed=3, jobs=1, wishes=Wishes(least_fingers=2), **SETTINGS)

@@ -13,7 +13,7 @@ from pinograsp.errors import CaseRejected, InvalidInput
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import load_hand
 from pinograsp.objects import Box, Cylinder
-from pinograsp.synthesis import find_grasps
+from pinograsp.synthesis import Wishes, find_grasps
 from pinograsp.synthesis.seeds import Region, find_pairs
 
 CONDITIONS = GraspConditions(mu=0.7, friction=Friction(model="soft", torsion=0.005), reserve=None)
@@ -32,7 +32,8 @@ def test_jaws_hold_a_bar_at_the_given_end(end):
     bar = Box(size=(0.03, 0.03, 0.2), mass=0.1, pose=POSE)
     ends = sorted((end * 0.05, end * 0.101))
     within = np.array([[-0.02, -0.02, ends[0]], [0.02, 0.02, ends[1]]])
-    found = find_grasps(load_hand("panda"), bar, CONDITIONS, within=within, count=8, seed=1, jobs=1, progress=False)
+    wishes = Wishes(within=within)
+    found = find_grasps(load_hand("panda"), bar, CONDITIONS, wishes=wishes, count=8, seed=1, jobs=1, progress=False)
     assert found.grasps
     for grasp in found.grasps:
         at = _touched(grasp.closure)
@@ -45,14 +46,15 @@ def test_fingers_that_would_touch_elsewhere_stay_open():
     bar = Cylinder(radius=0.02, height=0.2, mass=0.1)
     within = np.array([[-0.03, -0.03, 0.04], [0.03, 0.03, 0.101]])
     free, held = (
-        find_grasps(hand, bar, CONDITIONS, within=where, count=8, seed=2, jobs=1, progress=False)
+        find_grasps(hand, bar, CONDITIONS, wishes=Wishes(within=where), count=8, seed=2, jobs=1, progress=False)
         for where in (None, within)
     )
     assert any(((_touched(one.closure) < within[0]) | (_touched(one.closure) > within[1])).any() for one in free.grasps)
     assert held.grasps
     still = 0
     others = (
-        find_grasps(hand, bar, CONDITIONS, within=within, count=8, seed=i, jobs=1, progress=False) for i in (3, 4)
+        find_grasps(hand, bar, CONDITIONS, wishes=Wishes(within=within), count=8, seed=i, jobs=1, progress=False)
+        for i in (3, 4)
     )
     for grasp in (*held.grasps, *(one for other in others for one in other.grasps)):
         at, closure = _touched(grasp.closure), grasp.closure
@@ -97,16 +99,21 @@ def test_pairs_of_a_thin_part_alone():
 def test_boxes_that_cannot_be_used(within, message):
     bar = Box(size=(0.03, 0.03, 0.2), mass=0.1)
     with pytest.raises(InvalidInput, match=message):
-        find_grasps(load_hand("panda"), bar, CONDITIONS, within=within, count=4, jobs=1, progress=False)
+        wishes = Wishes(within=within)
+        find_grasps(load_hand("panda"), bar, CONDITIONS, wishes=wishes, count=4, jobs=1, progress=False)
 
 
 @pytest.mark.slow
 def test_a_case_takes_it_where_the_place_is_searched():
     from pinograsp.cases.object_case import ObjectCase
 
-    values = {"hand": "panda", "object": "box:size=0.03x0.03x0.2,mass=0.1", "within": (-1, -1, 0.05, 1, 1, 1)}
+    values = {
+        "hand": "panda",
+        "object": "box:size=0.03x0.03x0.2,mass=0.1",
+        "wishes": {"within": (-1, -1, 0.05, 1, 1, 1)},
+    }
     case = ObjectCase.of(**values, samples=8)
     for grasp in case.grasps(jobs=1, progress=False).grasps:
         assert _touched(grasp.closure)[:, 2].min() >= 0.05
-    with pytest.raises(CaseRejected, match="expected it without at"):
+    with pytest.raises(CaseRejected, match="expected them without at"):
         ObjectCase.of(**values, at=(0, 0, 0.1))

@@ -7,17 +7,14 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, instance_of, number, share_of
+from pinograsp.checks import array_of, instance_of, items_of, number, share_of
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.robust.load_set import LoadSet
+from pinograsp.forces.robust.task import CIRCUMSCRIBED, Task, icosahedron
 from pinograsp.objects.body import Body
-from pinograsp.spatial import Array
 
-# An icosahedron contains the ball that touches its faces; its vertices are that much further out than the ball's
-# radius: sqrt(15 - 6 sqrt(5)) = 1.2584. An octahedron would go 1.73 times as far, a cube too.
-CIRCUMSCRIBED = float(np.sqrt(15 - 6 * np.sqrt(5)))
 LEAST_FORCE = 0.05  # [N] below, the friction of drives and joints decides, not the plan
 _FARTHEST_OFF = 1e3  # [-] of contact stiffness
 
@@ -39,6 +36,7 @@ class Reserve:
         softer: the contacts may be softer than assumed by this factor, and all of the above is borne there, too [-]; 1:
             as assumed. What a squeeze becomes there depends on the stiffness of the hand's servos.
         stiffer: or stiffer by this factor [-].
+        tasks: what is done with the object: loads that are borne, too, each without the disturbance.
     """
 
     disturbance: float = 0.5
@@ -49,6 +47,7 @@ class Reserve:
     torque: float = 0.1
     softer: float = 1.0
     stiffer: float = 1.0
+    tasks: tuple[Task, ...] = ()
 
     def __post_init__(self) -> None:
         def put(name: str, value: float | None) -> None:
@@ -63,6 +62,7 @@ class Reserve:
         put("torque", share_of("reserve: torque", self.torque))
         put("softer", number("reserve: softer", self.softer, at_least=1, at_most=_FARTHEST_OFF))
         put("stiffer", number("reserve: stiffer", self.stiffer, at_least=1, at_most=_FARTHEST_OFF))
+        object.__setattr__(self, "tasks", items_of("reserve: tasks", self.tasks, Task))
 
     @classmethod
     def none(cls) -> Reserve:
@@ -94,15 +94,17 @@ class Reserve:
             body: what is held.
             gravity_o: gravity (3,) [m/s^2].
         """
-        weight_o = instance_of("body", body, Body).mass * array_of("gravity", gravity_o, (3,))
+        gravity = array_of("gravity", gravity_o, (3,))
+        weight_o = instance_of("body", body, Body).mass * gravity
         weight = float(np.linalg.norm(weight_o))
         multiples = (1.0 - self.mass, 1.0 + self.mass) if self.mass else (1.0,)
         masses = np.zeros((len(multiples), 6))
         masses[:, :3] = np.outer(multiples, weight_o)
         size = CIRCUMSCRIBED * self.disturbance * weight
+        done = [task.find_loads(body, times * body.mass, gravity) for task in self.tasks for times in multiples]
         if size == 0:
-            return LoadSet(loads=np.unique(masses, axis=0))
-        directions = _icosahedron(weight_o / weight, body.shape_pose[:3, :3])
+            return LoadSet(loads=np.unique(np.concatenate([masses, *done]), axis=0))
+        directions = icosahedron(weight_o / weight, body.shape_pose[:3, :3])
         forces = np.zeros((12, 6))
         forces[:, :3] = size * directions
         # Of the loads along the weight the least and the largest are enough: the others lie between them.
@@ -112,7 +114,7 @@ class Reserve:
             moments = np.zeros((12, 6))
             moments[:, 3:] = size * arm * directions
             loads += [mass + moments for mass in masses]
-        return LoadSet(loads=np.concatenate(loads))
+        return LoadSet(loads=np.concatenate([*loads, *done]))
 
     def kept_friction(self, friction: Friction) -> Friction:
         """The friction that is relied on."""
@@ -140,9 +142,10 @@ class Reserve:
             floor = np.maximum(least, np.zeros(problem.k) if floor is None else floor)
         return replace(problem, friction=friction, torques=torques, min_normal_force=floor)
 
-    def summary(self) -> dict[str, float | None]:
+    def summary(self) -> dict[str, object]:
         """As plain JSON values."""
-        return {"moment_arm_m" if name == "moment_arm" else name: value for name, value in asdict(self).items()}
+        values = asdict(self) | {"tasks": [task.describe() for task in self.tasks]}
+        return {"moment_arm_m" if name == "moment_arm" else name: value for name, value in values.items()}
 
 
 def held_body(problem: ForceProblem) -> Body:
@@ -150,18 +153,3 @@ def held_body(problem: ForceProblem) -> Body:
     if problem.object is None:
         raise InvalidInput("reserve: expected the problem of holding an object, got one without: ForceProblem.holding")
     return problem.object
-
-
-def _icosahedron(first: Array, axes: Array) -> Array:
-    """Unit vectors (12, 3): ``first`` (3,), its opposite, and two rings of five around it.
-
-    The rings are turned with that column of ``axes`` (3, 3) which is most across ``first``.
-    """
-    across = axes[:, np.argmin(np.abs(first @ axes))]
-    across = across - first * (first @ across)
-    across /= np.linalg.norm(across)
-    third, height = np.cross(first, across), 1 / np.sqrt(5)
-    turns = np.pi / 5 * np.arange(10)
-    ring = np.sqrt(1 - height**2) * (np.outer(np.cos(turns), across) + np.outer(np.sin(turns), third))
-    ring += np.outer(height * (-1.0) ** np.arange(10), first)
-    return np.concatenate([[first, -first], ring])
