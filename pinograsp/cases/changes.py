@@ -21,6 +21,7 @@ CaseChanges = TypedDict(
         "name": str,
         "assumed": Mapping[str, str],
         "gravity": Numbers,
+        "reserve": Mapping[str, float] | str | None,
         "contacts": Sequence[Mapping[str, object]],
         "hand": Mapping[str, object],
         "hand.source": str,

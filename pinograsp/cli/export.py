@@ -149,7 +149,7 @@ def export(
 
       pinograsp export runs/paper --mujoco scene.xml --scene
 
-      pinograsp export runs/paper --dexgraspbench graspdata --object-path assets/rod --stiffness 5
+      pinograsp export runs/paper --dexgraspbench d --object-path rod --stiffness 5
     """
     files.check()
     if motors.command == "jaw" and files.mujoco is not None:

@@ -369,7 +369,7 @@ def print_plan(plan: GraspPlan, folder: Path, session: Session, *, published: bo
         (command("view", folder), f"look at it in a browser{needs('viz', 'viser')}"),
     ]
     if published:
-        then = [then[0], (command("plan", "mug"), "a hand picks up a mug, with a reserve")]
+        then.append((command("plan", "mug"), "a mug, with a reserve"))
     show(facts, answers, then, title=f"Grasp plan '{plan.name}'", level=answer.level, more=session.more)
 
 

@@ -26,15 +26,17 @@ def on_edges(body: Body, contacts: ContactSet) -> BoolArray:
     return np.asarray(turns_nearby(body, contacts.points_o, contacts.rotations_oc[:, :, 2]) & ~_flat(contacts))
 
 
-def turns_nearby(body: Body, points: Array, normals: Array) -> BoolArray:
-    """Whether the object's surface turns by more than 25 deg from the normals (k, 3) within 1 mm of points (k, 3)."""
-    return np.asarray(_look_around(body, points, normals).min(axis=1) < np.cos(TURNED))
+def turns_nearby(body: Body, points: Array, normals: Array, aside: float = ASIDE) -> BoolArray:
+    """Whether the object's surface turns by more than 25 deg from the normals (k, 3) within ``aside`` [m] of points
+    (k, 3).
+    """
+    return np.asarray(_look_around(body, points, normals, aside).min(axis=1) < np.cos(TURNED))
 
 
-def _look_around(body: Body, points: Array, normals: Array) -> Array:
-    """Cosines (k, a) between the normals (k, 3) and those of the surface 1 mm round points (k, 3)."""
+def _look_around(body: Body, points: Array, normals: Array, aside: float = ASIDE) -> Array:
+    """Cosines (k, a) between the normals (k, 3) and those of the surface ``aside`` [m] round points (k, 3)."""
     turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
-    circle = ASIDE * np.column_stack([np.cos(turn), np.sin(turn)])
+    circle = aside * np.column_stack([np.cos(turn), np.sin(turn)])
     around = points[:, None] + np.einsum("kij,aj->kai", tangents(normals), circle)
     seen = body.project(around.reshape(-1, 3))[1].reshape(len(points), _AROUND, 3)
     return np.asarray(np.einsum("kai,ki->ka", seen, normals))

@@ -50,7 +50,8 @@ class Drive:
         efforts: least and largest effort, where it can do less one way than the other, as a tendon that only pulls;
             None: ``limit`` either way.
         step: of the encoder by which a position servo holds its coordinate, in units of a; None where it is not known.
-        sources: where limit, stiffness, damping and step come from, and which of them are guesses; each at most once.
+        floor: least effort that it holds with once it has closed, as grippers have that can be set no gentler; 0: any.
+        sources: where limit, stiffness, damping, step and floor come from, and which are guesses; each at most once.
 
     Raises:
         InvalidInput: for values that make no drive.
@@ -66,6 +67,7 @@ class Drive:
     exact: bool = True
     efforts: tuple[float, float] | None = None
     step: float | None = None
+    floor: float = 0.0
     sources: tuple[Source, ...] = ()
 
     __repr__ = brief()
@@ -104,9 +106,12 @@ class Drive:
                     f"{limit:g}, got {least:g} and {most:g}"
                 )
             object.__setattr__(self, "efforts", (least, most))
+        floor = number(f"floor of {where}", self.floor, at_least=0)
+        if floor > limit:
+            raise InvalidInput(f"floor of {where}: expected at most its limit {limit:g}, got {floor:g}")
         sources = items_of(f"sources of {where}", self.sources, Source)
         _each_once(f"figures with a source of {where}", [source.figure for source in sources])
-        checked = {"joints": joints, "arms": tuple(arms.tolist()), "limit": limit, "sources": sources}
+        checked = {"joints": joints, "arms": tuple(arms.tolist()), "limit": limit, "floor": floor, "sources": sources}
         for key, value in checked.items():
             object.__setattr__(self, key, value)
 

@@ -46,7 +46,12 @@ def _describe_drives(
             limit = f"{drive.limit:g}" if np.isfinite(drive.limit) else "not given"
             if drive.efforts is not None:
                 limit = f"{drive.efforts[0]:g} to {drive.efforts[1]:g}"
-            others = (("stiffness", drive.stiffness), ("damping", drive.damping), ("encoder step", drive.step))
+            others = (
+                ("stiffness", drive.stiffness),
+                ("damping", drive.damping),
+                ("encoder step", drive.step),
+                ("floor", drive.floor or None),
+            )
             known = "".join(f", {name} {value:.4g}" for name, value in others if value is not None)
             lines.append(f"    {drive}, limit {limit}{known}")
     lines += [f"    {source}" for source in unlike(drive.sources for drive in drives)]

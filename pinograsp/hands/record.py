@@ -281,6 +281,7 @@ def _drives(record: dict[str, Any], hand: HandModel) -> tuple[Drive, ...]:
                 exact=one.get("exact", False),  # older records did not tell
                 efforts=one.get("efforts"),
                 step=one.get("step"),
+                floor=one.get("floor", 0.0),
                 sources=_sources(one, where),
             )
         )

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias, get_args
 from pinograsp.checks import brief, flag, floats_of, one_of, shorten, text_of
 from pinograsp.errors import InvalidInput
 
-Figure: TypeAlias = Literal["limit", "stiffness", "damping", "step"]
+Figure: TypeAlias = Literal["limit", "stiffness", "damping", "step", "floor"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,8 +22,8 @@ _BEARS = 1e-6  # share of the largest effort
 
 
 def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> Iterator[str]:
-    """Torques that the motors cannot make, efforts and speeds beyond limits or near those that are guesses, servos that
-    are sent less than they resolve.
+    """Torques that the motors cannot make, efforts and speeds beyond limits or near those that are guesses, drives that
+    cannot press so gently, servos that are sent less than they resolve.
     """
     q, torques = np.vstack([motion.q, motion.q[-1:]]), np.vstack([motion.torques, motion.holding_torques])
     efforts, holding = solve_efforts(hand, q, torques), solve_efforts(hand, q[-1:], torques[-1:])
@@ -45,6 +45,13 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
             yield f"drive {drive.name} holds with {effort:.3g}, more than its limit of {drive.limit:.3g}"
         elif peak > drive.limit * (1 + _ROUNDING):
             yield f"drive {drive.name} needs up to {peak:.3g} on the way, more than its limit of {drive.limit:.3g}"
+    for drive, effort in zip(hand.drives, held):
+        if _BEARS * held.max() < effort < drive.floor * (1 - _ROUNDING):
+            yield (
+                f"drive {drive.name} presses with {drive.floor:.3g} at least, and the plan with {effort:.3g}: its "
+                f"contacts get {drive.floor / effort:.2g} times these forces; withstand more (a larger reserve), or take "
+                "a gentler hand where the object is fragile"
+            )
     stiffness = [drive.stiffness if drive.control == "position" else None for drive in hand.drives]
     yield from below_steps(hand, held, np.array(stiffness, dtype=float))
     yield from _too_fast(hand, motion)

@@ -94,7 +94,7 @@ def make_search_case(
         impact_time=impact_time,
         wrap=wrap,
         preshapes=prepared.preshapes,
-        pairs=check.choose(find_pairs(body, rng, check.within, [region for _, region in check.touching])),
+        pairs=check.choose(find_pairs(body, rng, check.within, [region for _, region in check.touching]), body),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
         scene=scene_of(prepared.rough, body),
         collisions=prepared.collisions,
@@ -267,7 +267,7 @@ def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried
     if grasp is not None:
         turn = grasp.pose[:3, :3] @ posed.look_h
         grasp = replace(grasp, room=_find_room(case, grasp.pose, posed.opened), look_o=turn)
-        if rejected := _reject(case.wish_check.misses_of_forces(grasp.closure, grasp.room)):
+        if rejected := _reject(case.wish_check.misses_of_room(grasp.room)):
             return rejected
     touching = [touch for touch in closure.touches if touch.finger]
     if grasp is not None or len(touching) < 2:

@@ -312,7 +312,7 @@ def _say_unmet(case: SearchCase, names: tuple[str, ...], found: list[FoundGrasp]
     """A line about wishes without which there are grasps: how near the nearest of these comes."""
     wishes, tasks = case.wish_check.wishes, ", ".join(task.describe() for task in _tasks(case.conditions))
     alone = WishCheck(wishes.without(*set(wishes.names) - set(names)), case.hand, case.body, case.conditions.gravity_o)
-    misses = [[*alone.misses(one.closure, one.look_o), *alone.misses_of_forces(one.closure, one.room)] for one in found]
+    misses = [[*alone.misses(one.closure, one.look_o), *alone.misses_of_room(one.room)] for one in found]
     nearest = "; ".join(miss.description for miss in min(misses, key=lambda each: sum(miss.by for miss in each)))
     which = ", ".join(f"{name}={tasks if name == 'tasks' else _as_text(getattr(wishes, name))}" for name in names)
     lead = f"the wish {which} is" if len(names) == 1 else f"the wishes {which} are together"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, flag, instance_of, integer, items_of, number, one_of, read_only
 from pinograsp.contacts import PALM, Closure
-from pinograsp.contacts.edges import on_edges
+from pinograsp.contacts.edges import on_edges, turns_nearby
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body, check_box
@@ -23,6 +23,7 @@ from pinograsp.words import printable
 Side: TypeAlias = Literal["above", "below", "side"]
 _SIDES: dict[str, tuple[float, float]] = {"above": (0.0, 0.0), "below": (180.0, 180.0), "side": (90.0, 90.0)}  # [deg]
 _CONE = np.radians(40.0)  # of approaches that are named by a word
+_OFF_EDGES = 6e-3  # [m] of surfaces that are drawn where no contact may lie on an edge: fingertips are not points
 _SAME_FINGER = {"pinky": "little", "little": "pinky", "forefinger": "index"}
 FINGERS = 3  # that are to take part, where a hand has so many and enough grasps of so many hold
 _NO_FINGER = "no finger of this hand"
@@ -182,7 +183,7 @@ class WishCheck:
 
     # -- in the seeds
 
-    def choose(self, pairs: Pairs) -> Pairs:
+    def choose(self, pairs: Pairs, body: Body) -> Pairs:
         """The pairs of surfaces that may be held so; all of them where none may."""
         ends = [pairs.middles_o + side * pairs.widths[:, None] / 2 * pairs.axes_o for side in (-1.0, 1.0)]
         fits = np.ones(len(pairs.widths), dtype=bool)
@@ -193,7 +194,12 @@ class WishCheck:
         if self.look_o is not None:  # the hand looks across the line between its fingertips
             along = np.clip(np.abs(pairs.axes_o @ self.look_o), 0.0, 1.0)
             fits &= (np.arcsin(along) <= self.most) & (np.pi - np.arcsin(along) >= self.least)
-        return pairs.select(fits) if fits.any() else pairs
+        pairs = pairs.select(fits) if fits.any() else pairs
+        if not self.wishes.edges:
+            ends = [pairs.middles_o + side * pairs.widths[:, None] / 2 * pairs.axes_o for side in (-1.0, 1.0)]
+            far = [~turns_nearby(body, end, side * pairs.axes_o, _OFF_EDGES) for end, side in zip(ends, (1.0, -1.0))]
+            pairs = pairs.select(far[0] & far[1]) if (far[0] & far[1]).any() else pairs
+        return pairs
 
     def draw_turn(self, frames: Array, rng: np.random.Generator) -> int:
         """Which of the frames (m, 3, 3), whose third columns a hand may look along, is taken."""
@@ -206,7 +212,7 @@ class WishCheck:
     # -- of what came of it
 
     def misses(self, closure: Closure, look_o: Array) -> Iterator[Miss]:
-        """The wishes that a closed hand, which looks along ``look_o`` (3,), does not meet, but for edges and room."""
+        """The wishes that a closed hand, which looks along ``look_o`` (3,), does not meet, but for room."""
         touching = {touch.finger for touch in closure.touches} - {""}
         fingers = touching - {PALM}
         yield from self._misses_of_fingers(touching, fingers)
@@ -241,6 +247,10 @@ class WishCheck:
                 description = f"comes from {np.degrees(off):.0f} deg beyond what was asked for"
                 yield Miss(wish="approach", by=off / np.pi, description=description)
 
+        if touching and not self.wishes.edges and (sharp := on_edges(closure.object, closure.contacts())).any():
+            description = f"has {sharp.sum()} of {len(sharp)} contacts on edges"
+            yield Miss(wish="edges", by=float(sharp.mean()), description=description)
+
     def _misses_of_fingers(self, touching: set[str], fingers: set[str]) -> Iterator[Miss]:
         wishes = self.wishes
         if self.fingers is not None and (others := fingers - set(self.fingers)):
@@ -252,13 +262,8 @@ class WishCheck:
             description = "the palm does not reach it" if wishes.palm else "the palm touches it"
             yield Miss(wish="palm", by=1.0, description=description)
 
-    def misses_of_forces(self, closure: Closure, room: float) -> Iterator[Miss]:
-        """The same of edges, and of the room about the object in the open hand [m]."""
-        if not self.wishes.edges:
-            sharp = on_edges(closure.object, closure.contacts())
-            if sharp.any():
-                description = f"has {sharp.sum()} of {len(sharp)} contacts on edges"
-                yield Miss(wish="edges", by=float(sharp.mean()), description=description)
+    def misses_of_room(self, room: float) -> Iterator[Miss]:
+        """The same of the room about the object in the open hand [m]."""
         if room < self.wishes.opening:
             description = f"the open hand leaves {1e3 * room:.2g} mm"
             yield Miss(wish="opening", by=(self.wishes.opening - room) / self.radius, description=description)

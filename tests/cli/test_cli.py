@@ -174,7 +174,7 @@ def test_spheres_links_and_lists_in_a_case():
 
 
 BAD = {
-    "unknown case": (["nothing"], "no case 'nothing': expected a YAML file or one of: paper"),
+    "unknown case": (["nothing"], "no case 'nothing': expected a YAML file or one of: mug, paper"),
     "mass < 0": (["paper", "--set", "object.mass=-1"], "object.mass: Input should be greater than 0 (got -1)"),
     "infinite": (["paper", "--set", "object.mass=.inf"], "object.mass"),
     "crossed t_I": (["paper", "--set", "limits.impact_time=[0.95, 0.8]"], "lower bound 0.95 is above upper bound 0.8"),

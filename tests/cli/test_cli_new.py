@@ -12,10 +12,13 @@ import yaml
 import pinograsp.cli
 from pinograsp.cases import load_case
 from pinograsp.cases.case import Case
+from pinograsp.cases.object_case import ObjectCase
+from pinograsp.cases.reserve_section import ReserveSection
 from pinograsp.cases.sweep_file import Draw, Span, SweepSpec, load_sweep
+from pinograsp.cases.wishes_section import WishesSection
 
 FOLDER = Path(pinograsp.cli.__file__).parent
-CASE, SWEEP = ((FOLDER / f"new_{kind}.yaml").read_text() for kind in ("case", "sweep"))
+CASE, SEARCH, SWEEP = ((FOLDER / f"new_{kind}.yaml").read_text() for kind in ("case", "search", "sweep"))
 KEY = re.compile(r"^( *)# ( *[a-z_]+(\.[a-z_]+)*:( |$))", re.M)  # a key that is left out
 
 
@@ -33,6 +36,17 @@ def test_a_case_runs_as_it_is(command, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_rendering")
+def test_a_hand_and_an_object_run_as_they_are(command, tmp_path):
+    assert command("new", "pick.yaml", "--search")[0] == 0
+    code, out, err = command("plan", "pick.yaml", "--json")
+    assert code == 0, err
+    told = json.loads(out)
+    assert told["status"] == "ok" and told["folder"].endswith("my_pick")
+    assert command("new", "both.yaml", "--search", "--sweep")[0] == 2
+
+
+@pytest.mark.slow
 def test_a_sweep_runs_as_it_is(command, tmp_path):
     code, out, _ = command("new", "my sweep.yaml", "--sweep")
     assert code == 0 and "pinograsp sweep 'my sweep.yaml'" in out
@@ -40,11 +54,12 @@ def test_a_sweep_runs_as_it_is(command, tmp_path):
     assert code == 0 and json.loads(out)["counts"] == {"ok": 12}, err
 
 
-def test_what_is_left_out_has_the_default_that_is_shown(tmp_path):
-    (tmp_path / "as_it_is.yaml").write_text(CASE)
-    all_keys = KEY.sub(r"\1\2", CASE)
+@pytest.mark.parametrize(("text", "keys"), [(CASE, 40), (SEARCH, 35)], ids=["case", "search"])
+def test_what_is_left_out_has_the_default_that_is_shown(tmp_path, text, keys):
+    (tmp_path / "as_it_is.yaml").write_text(text)
+    all_keys = KEY.sub(r"\1\2", text)
     (tmp_path / "all.yaml").write_text(all_keys)
-    assert all_keys.count("#") <= CASE.count("#") - 40
+    assert all_keys.count("#") <= text.count("#") - keys
     assert load_case(tmp_path / "all.yaml").settings() == load_case(tmp_path / "as_it_is.yaml").settings()
 
 
@@ -58,6 +73,13 @@ def test_every_key_is_there():
                 compare(section, told[name], name)
 
     compare(Case, yaml.safe_load(KEY.sub(r"\1\2", CASE)))
+    search = yaml.safe_load(KEY.sub(r"\1\2", SEARCH))
+    assert search.keys() == {field.alias or name for name, field in ObjectCase.model_fields.items()} - {
+        "folder",
+        "trusted",
+    }
+    assert search["wishes"].keys() == WishesSection.model_fields.keys()
+    assert search["reserve"].keys() == ReserveSection.model_fields.keys()
     words = set(re.findall(r"[a-z_]+(?=:)", SWEEP))
     assert words >= {field.alias or name for name, field in SweepSpec.model_fields.items()} - {"name", "folder"}
     assert words >= {"from", "to", "steps", "spacing"} and len(Span.model_fields) == 4

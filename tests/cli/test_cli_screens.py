@@ -53,8 +53,11 @@ def test_the_first_screen_of_a_plan_is_its_answer(planned):
         "Next pinograsp check runs/paper",
     )
     places = [last.index(one) for one in told]
-    assert places == sorted(places) and "pinograsp view runs/paper" in lines[-1]
+    assert places == sorted(places) and "pinograsp view runs/paper" in lines[-2] and "pinograsp plan mug" in lines[-1]
     assert "Comparison" not in " ".join(lines)
+    published = " ".join(" ".join(lines[: lines.index("")]).split())
+    assert "paper 9.873 / 6.35 / 4.7 N, ours " in published and "impact time t_I paper 0.9 s, ours 0.9 s" in published
+    assert re.search(r"with a reserve a squeeze of these contacts withstands a push of \d % of the weight", published)
 
 
 @pytest.mark.slow

@@ -578,6 +578,7 @@ def test_descriptions_list_the_drives(tmp_path):
         "exact": True,
         "efforts": None,
         "step": None,
+        "floor": 0.0,
         "sources": [],
     }
     assert data["drives"][1]["limit"] is None

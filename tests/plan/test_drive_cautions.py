@@ -265,3 +265,22 @@ def test_motors_that_act_one_way_hold_that_way_only(way, force, fits):
 def test_efforts_that_do_not_fit_the_limit_are_refused(efforts):
     with pytest.raises(PinograspError, match="efforts of drive 'd'"):
         Drive(name="d", joints=("j",), arms=(1.0,), limit=3.0, efforts=efforts)
+
+
+# -- grippers that press no gentler ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("times", "cautions"), [(2.5, 1), (0.9, 0)])
+def test_drives_that_cannot_press_so_gently(tmp_path, times, cautions):
+    hand = gripper(tmp_path)
+    jaws = [Drive(name=joint, joints=(joint,), arms=(1.0,), limit=60.0) for joint in hand.joint_names]
+    plan = squeezed(hand.with_drives(jaws), 10.0)
+    held = np.abs(plan.motion.holding_torques)
+    floored = [replace(jaw, floor=times * float(effort)) for jaw, effort in zip(jaws, held)]
+    texts = told(squeezed(hand.with_drives(floored), 10.0), "presses with")
+    assert len(texts) == cautions * len(jaws) and all("2.5 times these forces" in text for text in texts)
+
+
+def test_a_floor_above_the_limit_is_refused():
+    with pytest.raises(PinograspError, match="floor of drive 'jaw': expected at most its limit 60, got 70"):
+        Drive(name="jaw", joints=("slide",), arms=(1.0,), limit=60.0, floor=70.0)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, instance_of, items_of, number, share_of
+from pinograsp.checks import array_of, brief, instance_of, items_of, number, share_of
 from pinograsp.contacts import Friction
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.problem import ForceProblem
@@ -48,6 +48,8 @@ class Reserve:
     softer: float = 1.0
     stiffer: float = 1.0
     tasks: tuple[Task, ...] = ()
+
+    __repr__ = brief()
 
     def __post_init__(self) -> None:
         def put(name: str, value: float | None) -> None:

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, instance_of, number, one_of
+from pinograsp.checks import array_of, brief, instance_of, number, one_of
 from pinograsp.errors import InvalidInput
 from pinograsp.forces.robust.load_set import LoadSet
 from pinograsp.objects.body import Body
@@ -44,6 +44,8 @@ class Task:
     direction: Vector = (0.0, 0.0, 0.0)
     at: Vector | None = None
     wrenches: tuple[tuple[float, ...], ...] = ()
+
+    __repr__ = brief()
 
     def __post_init__(self) -> None:
         one_of("task", self.name, (*_UNITS, "loads"))
