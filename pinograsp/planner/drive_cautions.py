@@ -49,7 +49,7 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
         if _BEARS * held.max() < effort < drive.floor * (1 - _ROUNDING):
             yield (
                 f"drive {drive.name} presses with {drive.floor:.3g} at least, and the plan with {effort:.3g}: its "
-                f"contacts get {drive.floor / effort:.2g} times these forces; withstand more (a larger reserve), or take "
+                f"contacts get {drive.floor / effort:.2g} times these forces; plan for more (a larger reserve), or take "
                 "a gentler hand where the object is fragile"
             )
     stiffness = [drive.stiffness if drive.control == "position" else None for drive in hand.drives]
