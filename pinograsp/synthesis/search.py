@@ -371,11 +371,11 @@ class _Run:
         case: SearchCase,
         seed: np.random.SeedSequence,
         interrupt: Callable[[], None],
-        most: int | None = None,
+        batches: int | None = None,
     ) -> list[FoundGrasp]:
-        """What one round of samples of another case finds; no more than ``most`` batches."""
+        """What one round of samples of another case finds, or so many whole ``batches``."""
         found: list[FoundGrasp] = []
-        sizes = self.sizes[:most]
+        sizes = self.sizes if batches is None else [_BATCH] * batches
         self.bar.total += sum(sizes)
         for batch in self._results(case, seed, sizes):
             self.bar.update(len(batch.outcomes))

@@ -225,20 +225,20 @@ class WishCheck:
                 yield Miss(
                     wish="within",
                     by=worst / self.radius,
-                    description=f"touches up to {1e3 * worst:.2g} mm outside",
+                    description=f"touches up to {1e3 * worst:.3g} mm outside",
                     fingers=tuple(outside),
                 )
         for name, region in self.forbidden:
             inside = _find_largest((finger, _inside(region, patch)) for finger, patch in patches)
             if inside:
                 by = max(inside.values())
-                description = f"touches {name}, {1e3 * by:.2g} mm from where it ends"
+                description = f"touches {name}, {1e3 * by:.3g} mm from where it ends"
                 yield Miss(wish="forbidden", by=by / self.radius, description=description, fingers=tuple(inside))
         for name, region in self.touching:
             distances = [float(region.outside(patch).min()) for finger, patch in patches if finger in fingers]
             away = min(distances, default=self.radius)
             if away > 0:
-                yield Miss(wish="touching", by=away / self.radius, description=f"{1e3 * away:.2g} mm away from {name}")
+                yield Miss(wish="touching", by=away / self.radius, description=f"{1e3 * away:.3g} mm away from {name}")
         if self.look_o is not None:
             look_o = look_o if back is None else back[:3, :3] @ look_o
             angle = float(np.arccos(np.clip(look_o @ self.look_o, -1.0, 1.0)))
@@ -265,7 +265,7 @@ class WishCheck:
     def misses_of_room(self, room: float) -> Iterator[Miss]:
         """The same of the room about the object in the open hand [m]."""
         if room < self.wishes.opening:
-            description = f"the open hand leaves {1e3 * room:.2g} mm"
+            description = f"the open hand leaves {1e3 * room:.3g} mm"
             yield Miss(wish="opening", by=(self.wishes.opening - room) / self.radius, description=description)
 
     def size_of_parts(self) -> str:
