@@ -49,8 +49,8 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
         if _BEARS * held.max() < effort < drive.floor * (1 - _ROUNDING):
             yield (
                 f"drive {drive.name} presses with {drive.floor:.3g} at least, and the plan with {effort:.3g}: its "
-                f"contacts get {drive.floor / effort:.2g} times these forces; plan for more (a larger reserve), or take "
-                "a gentler hand where the object is fragile"
+                f"contacts get {drive.floor / effort:.2g} times these forces; plan for more (a larger reserve), or "
+                "take a gentler hand where the object is fragile"
             )
     stiffness = [drive.stiffness if drive.control == "position" else None for drive in hand.drives]
     yield from below_steps(hand, held, np.array(stiffness, dtype=float))

@@ -300,7 +300,9 @@ def _find_room(case: SearchCase, pose: Array, opened: Array) -> float:
     roots = np.tile(pose, (len(ways), 1, 1))
     q, parts = np.tile(opened, (len(ways), 1)), np.arange(len(scene.parts))
     room = 0.0
-    for size in sorted({*ROOMS, case.wish_check.wishes.opening} - {0.0}):
+    opening = case.wish_check.wishes.opening
+    sizes = {*ROOMS, *np.arange(ROOMS[-1], opening, ROOMS[1]).tolist(), opening} - {0.0}  # none jumps over a finger
+    for size in sorted(sizes):
         roots[:, :3, 3] = pose[:3, 3] - size * ways
         if scene.gaps(q, roots, parts, _ON).min() < _ON:
             break

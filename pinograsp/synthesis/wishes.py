@@ -107,7 +107,7 @@ class Wishes:
         instance_of("approach", self.approach, str, Approach, type(None))
         flag("edges", self.edges)
         instance_of("palm", self.palm, bool, type(None))
-        put("opening", number("opening", self.opening, at_least=0, unit="m"))
+        put("opening", number("opening", self.opening, at_least=0, at_most=1, unit="m"))
 
     @property
     def names(self) -> tuple[str, ...]:
