@@ -132,7 +132,7 @@ def main() -> None:
         if function is plan:
             one.add_argument("--seeds", type=int, nargs="+", required=True)
             one.add_argument("--count", type=int, default=16, help="samples of a search")
-            one.add_argument("--reserve", type=float, default=pg.Reserve().disturbance, help="pushes, in weights")
+            one.add_argument("--reserve", type=float, default=1.0, help="pushes, in weights: the evaluation's own")
     args = parser.parse_args()
     args.run(args)
 
