@@ -121,21 +121,14 @@ class ObjectCase(CaseSection):
         return validate(cls, values, "hand and object")
 
     def changed(self, options: Mapping[str, Any]) -> ObjectCase:
-        """The same with options that are not at their defaults, by name; wishes one by one.
+        """The same with other values, by name; wishes one by one.
 
         Raises:
             CaseRejected: values that cannot be used, all of them named at once.
         """
-        fields = type(self).model_fields
-        given = {
-            name: value
-            for name, value in options.items()
-            if value not in (None, [], {}, fields[name].get_default(call_default_factory=True))
-        }
-        if "wishes" in given:
-            given["wishes"] = self.wishes.model_dump(exclude_unset=True) | given["wishes"]
         kept = {name: getattr(self, name) for name in self.model_fields_set if name != "schema_"}
-        return validate(type(self), kept | given, "hand and object") if given else self
+        wishes = self.wishes.model_dump(exclude_unset=True) | options.get("wishes", {})
+        return validate(type(self), kept | dict(options) | {"wishes": wishes}, "hand and object")
 
     def settings(self) -> dict[str, Any]:
         """As plain values with all defaults."""

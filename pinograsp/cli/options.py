@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -143,9 +144,13 @@ class WishOptions:
 
     def settings(self) -> dict[str, Any]:
         """By the names of a case of hand and object: those that were given."""
-        plain, names = WishOptions(), {"touching_fingers": "fingers", "palm_touches": "palm"}
-        given = {name: value for name, value in asdict(self).items() if value not in ([], getattr(plain, name))}
-        return {names.get(name, name): value for name, value in given.items()}
+        plain = WishOptions()
+        return self.of_names([name for name, value in asdict(self).items() if value not in ([], getattr(plain, name))])
+
+    def of_names(self, names: Iterable[str]) -> dict[str, Any]:
+        """Those of these fields, by the names of a case of hand and object."""
+        values, keys = asdict(self), {"touching_fingers": "fingers", "palm_touches": "palm"}
+        return {keys.get(name, name): values[name] for name in names if name in values}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

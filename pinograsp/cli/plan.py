@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 SPECS = "cylinder:radius=0.02,height=0.12,mass=0.2 (all shapes: below)"
 _WIDE = 120  # columns of a terminal that are enough for the notes of the comparison
+_KEYS = {"arguments": "xacro_args"}  # of a case of hand and object, where an option has another name
 _BESIDE_PAPER = ("impact time t_I", "friction used", "it withstands")  # which the paper's figures stand for
 _SOME = 6  # contacts that are named one by one
 
@@ -153,8 +154,9 @@ def plan(
             raise InvalidInput(
                 f"--compare: expected with the case 'paper', whose figures are published, got '{case:.200}'"
             )
-        options = {**grasp.settings(), **arm.settings(), **chosen, **alone.settings(), "wishes": wishes.settings()}
-        _plan_case(case, options, chosen, alone, (out, force), session)
+        options = {**grasp.settings(), **arm.settings(), **chosen, **alone.settings()}
+        typed = {key: options[key] for name in session.typed if (key := _KEYS.get(name, name)) in options}
+        _plan_case(case, {**typed, "wishes": wishes.of_names(session.typed)}, chosen, alone, (out, force), session)
     elif case is None and hand is not None and object is not None:
         if alone.changes:
             raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,6 +42,12 @@ class Approach:
     direction: Array
     cone: float = _CONE
     frame: Literal["world", "object"] = "world"
+
+    if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
+
+        def __init__(
+            self, *, direction: ArrayLike, cone: float = ..., frame: Literal["world", "object"] = ...
+        ) -> None: ...
 
     __repr__ = brief()
 
@@ -195,7 +201,7 @@ class WishCheck:
             along = np.clip(np.abs(pairs.axes_o @ self.look_o), 0.0, 1.0)
             fits &= (np.arcsin(along) <= self.most) & (np.pi - np.arcsin(along) >= self.least)
         pairs = pairs.select(fits) if fits.any() else pairs
-        if not self.wishes.edges:
+        if not self.wishes.edges and len(pairs.widths):
             ends = [pairs.middles_o + side * pairs.widths[:, None] / 2 * pairs.axes_o for side in (-1.0, 1.0)]
             far = [~turns_nearby(body, end, side * pairs.axes_o, _OFF_EDGES) for end, side in zip(ends, (1.0, -1.0))]
             pairs = pairs.select(far[0] & far[1]) if (far[0] & far[1]).any() else pairs
@@ -246,7 +252,6 @@ class WishCheck:
             if off > 1e-6:
                 description = f"comes from {np.degrees(off):.0f} deg beyond what was asked for"
                 yield Miss(wish="approach", by=off / np.pi, description=description)
-
         if touching and not self.wishes.edges and (sharp := on_edges(closure.object, closure.contacts())).any():
             description = f"has {sharp.sum()} of {len(sharp)} contacts on edges"
             yield Miss(wish="edges", by=float(sharp.mean()), description=description)
@@ -254,7 +259,9 @@ class WishCheck:
     def _misses_of_fingers(self, touching: set[str], fingers: set[str]) -> Iterator[Miss]:
         wishes = self.wishes
         if self.fingers is not None and (others := fingers - set(self.fingers)):
-            yield Miss(wish="fingers", by=1.0, description=f"by {_list(fingers)}", fingers=tuple(sorted(others)))
+            yield Miss(
+                wish="fingers", by=1.0, description=f"is by {_list(sorted(fingers))}", fingers=tuple(sorted(others))
+            )
         if wishes.least_fingers is not None and len(fingers) < wishes.least_fingers:
             description = f"{len(fingers)} of {wishes.least_fingers} fingers reach it"
             yield Miss(wish="least_fingers", by=float(wishes.least_fingers - len(fingers)), description=description)

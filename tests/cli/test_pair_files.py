@@ -73,6 +73,20 @@ def test_file_and_options_make_the_same_plan(tmp_path, monkeypatch, command):
         assert plans[0][name] == plans[1][name], name
 
 
+def test_options_that_are_typed_change_what_the_file_says(tmp_path, command, monkeypatch):
+    """Also where they are what is the default without a file."""
+    (tmp_path / "pick.yaml").write_text(f"{TEXT}\nmu: 0.8", encoding="utf-8")
+    planned = []
+    monkeypatch.setattr("pinograsp.cli.plan._plan_pair", lambda case, *others: planned.append(case))
+    command("plan", str(tmp_path / "pick.yaml"), "--mu", "0.6", "--edges", "--forbidden", "lid", "--check")
+    command("plan", str(tmp_path / "pick.yaml"))
+    changed, as_it_is = planned
+    assert (changed.mu, as_it_is.mu) == (0.6, 0.8) and changed.check and not as_it_is.check
+    assert changed.wishes.edges and not as_it_is.wishes.edges and changed.wishes.forbidden == ("lid",)
+    for case in planned:
+        assert case.wishes.approach.cone_deg == 50 and case.samples == 8 and case.name == "pick"
+
+
 @pytest.mark.slow
 def test_the_papers_case_takes_a_reserve():
     small = load_case("paper", {"reserve": "disturbance=0.02"}).plan(progress=False)
