@@ -18,12 +18,7 @@ EXPECTED = {
     "02": ("samples hold", "ok (", "peak torque"),
     "03": ("closed:", "mJ"),
     "04": ("hybrid     56.163", "convex     55.777"),
-    "05": (
-        "samples, the best of every 4",
-        "ok ",
-        "contacts",
-        "/",
-    ),  # several links of a finger; whether the palm bears, the optimum says
+    "05": ("samples, the best of every 4", "ok ", "contacts"),
     "06": ("least motor heat", "the largest load that could be held"),
     "07": ("a step takes", "three times the load: infeasible"),
     "08": ("as planned: held", "mu 0.3 instead of 0.7: lost"),
@@ -61,3 +56,5 @@ def test_example_runs(path, tmp_path):
     told = run(path, tmp_path)
     for words in EXPECTED[path.name[:2]]:
         assert words in told, told
+    if path.name.startswith("05"):  # the palm presses, or several links of a finger do: which, the optimum says
+        assert "palm: " in told or "/" in told, told

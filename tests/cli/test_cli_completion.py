@@ -46,7 +46,7 @@ COMPLETIONS = [
     (["pinograsp", "pl"], ["plan"]),
     (["pinograsp", "plan", "--hand", "allegro"], ["allegro_left", "allegro_right"]),
     (["pinograsp", "hands", "pan"], ["panda"]),
-    (["pinograsp", "plan", ""], ["paper", "case.yaml"]),
+    (["pinograsp", "plan", ""], ["mug", "paper", "case.yaml"]),
     (["pinograsp", "plan", "--search", "paper"], ["paper", "paper+qp"]),
     (["pinograsp", "plan", "--measure", ""], ["impulse", "work"]),
     (["pinograsp", "plan", "--object", "sph"], ["sphere:radius=0.03,mass=0.2"]),

@@ -84,7 +84,7 @@ def test_a_plan_with_a_reserve(command, tmp_path):
         code, _, err = command("plan", *ball, "--reserve", given)
         assert code == 2 and message in err, given
     code, _, err = command("plan", "paper", "--reserve", "default")
-    assert code == 2 and "--reserve" in err
+    assert code == 3 and "disturbance of the reserve" in err  # the paper's contacts withstand next to nothing
 
 
 def test_meshes_are_objects_too_and_help_says_so(command, tmp_path):
