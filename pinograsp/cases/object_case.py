@@ -120,7 +120,7 @@ class ObjectCase(CaseSection):
         """
         return validate(cls, values, "hand and object")
 
-    def changed(self, options: Mapping[str, Any]) -> ObjectCase:
+    def change(self, options: Mapping[str, Any]) -> ObjectCase:
         """The same with other values, by name; wishes one by one.
 
         Raises:

@@ -95,17 +95,18 @@ def compare(case: Case) -> list[ComparisonRow]:
 
 def tell_figures(plan: GraspPlan) -> list[tuple[str, str]]:
     """The paper's main figures beside those of a plan of its case, a line each, and why its answer is what it is."""
-    lines = [
+    rows = [row for row in _compare_forces(plan) if row.published is not None and row.ours is not None]
+    each = [row for row in rows if row.quantity.startswith("normal force ")]
+    paper, ours = (
+        " / ".join(f"{value:.4g}" for value in values) for values in zip(*((r.published, r.ours) for r in each))
+    )
+    figures = [
         (row.quantity, f"paper {row.published:.4g} {row.unit}, ours {row.ours:.4g} {row.unit}")
-        for row in _compare_forces(plan)
-        if row.published is not None and row.ours is not None
+        for row in rows
+        if "normal force" not in row.quantity
     ]
-    forces = [text for name, text in lines if name.startswith("normal force")]
-    fingers = " / ".join(NORMAL_FORCES_N)
-    pairs = [text.removeprefix("paper ").split(" N, ours ") for text in forces]
-    paper, ours = (" / ".join(pair[i].removesuffix(" N") for pair in pairs) for i in (0, 1))
-    figures = [(name, text) for name, text in lines if "normal force" not in name]
-    return [(f"F_n {fingers}", f"paper {paper} N, ours {ours} N"), *figures, ("with a reserve", _tell_reserve(plan))]
+    forces = (f"F_n {' / '.join(NORMAL_FORCES_N)}", f"paper {paper} N, ours {ours} N")
+    return [forces, *figures, ("with a reserve", _tell_reserve(plan))]
 
 
 def _tell_reserve(plan: GraspPlan) -> str:

@@ -145,9 +145,9 @@ class WishOptions:
     def settings(self) -> dict[str, Any]:
         """By the names of a case of hand and object: those that were given."""
         plain = WishOptions()
-        return self.of_names([name for name, value in asdict(self).items() if value not in ([], getattr(plain, name))])
+        return self.pick([name for name, value in asdict(self).items() if value not in ([], getattr(plain, name))])
 
-    def of_names(self, names: Iterable[str]) -> dict[str, Any]:
+    def pick(self, names: Iterable[str]) -> dict[str, Any]:
         """Those of these fields, by the names of a case of hand and object."""
         values, keys = asdict(self), {"touching_fingers": "fingers", "palm_touches": "palm"}
         return {keys.get(name, name): values[name] for name in names if name in values}

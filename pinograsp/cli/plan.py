@@ -156,7 +156,7 @@ def plan(
             )
         options = {**grasp.settings(), **arm.settings(), **chosen, **alone.settings()}
         typed = {key: options[key] for name in session.typed if (key := _KEYS.get(name, name)) in options}
-        _plan_case(case, {**typed, "wishes": wishes.of_names(session.typed)}, chosen, alone, (out, force), session)
+        _plan_case(case, {**typed, "wishes": wishes.pick(session.typed)}, chosen, alone, (out, force), session)
     elif case is None and hand is not None and object is not None:
         if alone.changes:
             raise InvalidInput("--set changes a case: expected CASE, got --hand and --object")
@@ -229,7 +229,7 @@ def _plan_case(
     if isinstance(loaded, ObjectCase):
         out, force = results
         out = Path(loaded.out) if out is None and loaded.out is not None else out
-        _plan_pair(loaded.changed(options), loaded.name or "mine", (out, force), session)
+        _plan_pair(loaded.change(options), loaded.name or "mine", (out, force), session)
         return
     _refuse_with_case(session, case)
     changes: dict[str, object] = {f"forces.{key}": value for key, value in chosen.items()}

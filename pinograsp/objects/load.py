@@ -97,7 +97,6 @@ def load_object(
         inertia = inertia * (mass / found.mass)
     try:
         solid = _solid(found, com, inertia, given, hulls)
-        solid._set(regions=_regions(found.parts, hulls))
     except InvalidInput as error:
         raise InvalidInput(f"object file '{name}': {error}".replace("convex=True", "hulls=True")) from None
     if found.notes:
@@ -123,15 +122,17 @@ def _solid(
     else:
         vertices, faces, notes = one_of_several(surfaces)
     given = {"vertices": vertices, "faces": faces, "com": com, "notes": notes, "convex": alone and hulls, **given}
+    given["regions"] = {} if alone else _regions(found.parts, surfaces)
     return _with_inertia(lambda **more: Mesh(**given, **more), inertia)
 
 
-def _regions(parts: Sequence[CollisionShape], hulls: bool) -> dict[str, Array]:
-    """Boxes (2, 3) about the shapes that have a name, in the file's frame [m]; of one name: about all of them."""
-    if len(parts) < 2 or not any(part.name for part in parts):
-        return {}
+def _regions(parts: Sequence[CollisionShape], surfaces: Mapping[str, tuple[Array, IntArray]]) -> dict[str, Array]:
+    """Boxes (2, 3) about the shapes that have a name, in the file's frame [m]; of one name: about all of them.
+
+    ``surfaces``: vertices and faces of each of the shapes, in their order.
+    """
     found: dict[str, list[Array]] = {}
-    for part, (vertices, _) in zip(parts, _surfaces(parts, hulls).values()):
+    for part, (vertices, _) in zip(parts, surfaces.values()):
         if part.name:
             found.setdefault(part.name, []).append(vertices)
     return {name: find_bounds(np.concatenate(points)) for name, points in found.items()}

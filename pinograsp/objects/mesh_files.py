@@ -59,31 +59,30 @@ def read_regions(path: Path) -> dict[str, Array]:
     """Boxes (2, 3) about the parts of a mesh file that have a name, in the file's units: an OBJ's objects or groups,
     the nodes of a GLB or DAE scene. Files of one part have none.
     """
+    kind = path.suffix.lower()
+    if kind not in (".obj", ".glb", ".dae"):
+        return {}
+    try:
+        points = _read_groups(path) if kind == ".obj" else _read_nodes(path)
+    except (ValueError, IndexError):  # lines that trimesh reads otherwise
+        return {}
+    return {name: find_bounds(part) for name, part in points.items()} if len(points) > 1 else {}
+
+
+def _read_nodes(path: Path) -> dict[str, Array]:
+    """The vertices at each node of a scene, in its frame."""
     import trimesh  # slow to import
 
     from pinograsp.hands.mesh_file import load_mesh_file
 
-    if path.suffix.lower() not in (".obj", ".glb", ".dae"):
+    scene = load_mesh_file(path)
+    if not isinstance(scene, trimesh.Scene):
         return {}
-    if path.suffix.lower() == ".obj":
-        try:
-            found = _read_groups(path)
-        except (ValueError, IndexError):  # lines that trimesh reads otherwise
-            return {}
-    else:
-        scene = load_mesh_file(path)
-        if not isinstance(scene, trimesh.Scene):
-            return {}
-        found = {}
-        for node in scene.graph.nodes_geometry:
-            pose, name = scene.graph[node]
-            vertices = trimesh.transform_points(scene.geometry[name].vertices, pose)
-            found.setdefault(str(node), []).append(vertices)
-    points = {name: np.concatenate(parts) for name, parts in found.items()}
-    return {name: find_bounds(one) for name, one in points.items()} if len(points) > 1 else {}
+    placed = ((str(node), *scene.graph[node]) for node in scene.graph.nodes_geometry)
+    return {node: trimesh.transform_points(scene.geometry[name].vertices, pose) for node, pose, name in placed}
 
 
-def _read_groups(path: Path) -> dict[str, list[Array]]:
+def _read_groups(path: Path) -> dict[str, Array]:
     """The corners of the faces of each object (``o``) of an OBJ file, or of each group (``g``) where it has these."""
     vertices: list[list[float]] = []
     faces: dict[str, dict[str, list[int]]] = {"o": {}, "g": {}}
@@ -102,7 +101,7 @@ def _read_groups(path: Path) -> dict[str, list[Array]]:
                     into += [i - 1 if i > 0 else len(vertices) + i for i in corners]
     points = np.array(vertices).reshape(-1, 3)
     named = max(faces.values(), key=len)
-    return {one: [points[sorted(set(corners))]] for one, corners in named.items()}
+    return {one: points[sorted(set(corners))] for one, corners in named.items()}
 
 
 def find_bounds(points: Array) -> Array:

@@ -259,14 +259,13 @@ def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried
         return Tried(f"fingers collide ({_name_pair(closure.self_collisions[0])})")
     if not _above(case, posed.hand, np.linspace(posed.opened, closure.q, _LOOKS)):
         return Tried("the hand would hit the table")
-    look_o = np.array(closure.hand.pose)[:3, :3] @ posed.look_h
-    if rejected := _reject(case.wish_check.misses(closure, look_o)):
+    if rejected := _reject(case.wish_check.misses(closure, posed._replace(hand=closure.hand).look_o)):
         return rejected
     wanted = case.wish_check.wanted_fingers
     outcome, grasp = hold(closure, case.conditions, impact_time=case.impact_time, quick=quick, wanted_fingers=wanted)
     if grasp is not None:
-        turn = grasp.pose[:3, :3] @ posed.look_h
-        grasp = replace(grasp, room=_find_room(case, grasp.pose, posed.opened), look_o=turn)
+        look_o = posed._replace(hand=grasp.closure.hand).look_o
+        grasp = replace(grasp, room=_find_room(case, grasp.pose, posed.opened), look_o=look_o)
         if rejected := _reject(case.wish_check.misses_of_room(grasp.room)):
             return rejected
     touching = [touch for touch in closure.touches if touch.finger]

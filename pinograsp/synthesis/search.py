@@ -218,7 +218,7 @@ def find_grasps(
     instance_of("progress", progress, bool, type(None))
     first, *rounds = np.random.SeedSequence(seed).spawn(1 + _MOST_ROUNDS)
     try:
-        case = _make_case(hand, body, conditions, impact_time, wrap, first, wishes)
+        case = make_search_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), wishes)
     except Exception as error:
         raise _plain(error) from None
     widths = [one.width for one in case.preshapes]
@@ -266,18 +266,6 @@ def find_grasps(
     )
 
 
-def _make_case(
-    hand: HandModel,
-    body: Body,
-    conditions: GraspConditions,
-    impact_time: float,
-    wrap: bool,
-    seed: np.random.SeedSequence,
-    wishes: Wishes,
-) -> SearchCase:
-    return make_search_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(seed), wishes)
-
-
 def _find_unmet(
     run: _Run, first: np.random.SeedSequence, seed: np.random.SeedSequence, interrupt: Callable[[], None]
 ) -> tuple[str, ...]:
@@ -297,7 +285,8 @@ def _find_unmet(
         if "tasks" in names and conditions.reserve is not None:
             conditions = replace(conditions, reserve=replace(conditions.reserve, tasks=()))
         wrap = case.wrap and (wishes.palm is not True or "palm" not in names)
-        other = _make_case(case.hand, case.body, conditions, case.impact_time, wrap, first, wishes.without(*names))
+        rng, fewer = np.random.default_rng(first), wishes.without(*names)
+        other = make_search_case(case.hand, case.body, conditions, case.impact_time, wrap, rng, fewer)
         found = [grasp for grasp in run.other_round(other, seed, interrupt, _FEW) if grasp.withstands]
         if found:
             lines.append(_say_unmet(case, names, [_with_bodies(case.hand, case.body, grasp) for grasp in found]))
@@ -356,14 +345,11 @@ class _Run:
     def batches(self, seed: np.random.SeedSequence, interrupt: Callable[[], None], *, wrap: bool) -> None:
         """One round of samples."""
         case = replace(self.case, wrap=wrap)
-        self.bar.total += sum(self.sizes)
-        for batch in self._results(case, seed, self.sizes):
+        for batch in self._round(case, seed, interrupt, self.sizes):
             for outcome in batch.outcomes:
                 self.outcomes[outcome] = self.outcomes.get(outcome, 0) + 1
-            self.bar.update(len(batch.outcomes))
             if batch.grasp is not None:
                 self.found.append(batch.grasp)
-            interrupt()
         interrupt()
 
     def other_round(
@@ -374,14 +360,19 @@ class _Run:
         batches: int | None = None,
     ) -> list[FoundGrasp]:
         """What one round of samples of another case finds, or so many whole ``batches``."""
-        found: list[FoundGrasp] = []
         sizes = self.sizes if batches is None else [_BATCH] * batches
+        results = self._round(case, seed, interrupt, sizes)
+        return [batch.grasp for batch in results if batch.grasp is not None]
+
+    def _round(
+        self, case: SearchCase, seed: np.random.SeedSequence, interrupt: Callable[[], None], sizes: Sequence[int]
+    ) -> Iterator[Batch]:
+        """Batches of these sizes, told to the bar; between them the search may be stopped."""
         self.bar.total += sum(sizes)
         for batch in self._results(case, seed, sizes):
             self.bar.update(len(batch.outcomes))
-            found += [] if batch.grasp is None else [batch.grasp]
+            yield batch
             interrupt()
-        return found
 
     def near(self, seed: np.random.SeedSequence, interrupt: Callable[[], None]) -> tuple[FoundGrasp, ...]:
         """The best grasps of wider conditions, for what is in the way of the given ones: the first round again

@@ -35,6 +35,12 @@ class Pairs:
 
     __repr__ = brief()
 
+    @property
+    def ends_o(self) -> tuple[Array, Array]:
+        """The first and the second points (p, 3) [m]."""
+        half = self.widths[:, None] / 2 * self.axes_o
+        return self.middles_o - half, self.middles_o + half
+
     def select(self, which: BoolArray) -> Pairs:
         """Those for which ``which`` (p,) holds."""
         return Pairs(

@@ -191,7 +191,7 @@ class WishCheck:
 
     def choose(self, pairs: Pairs, body: Body) -> Pairs:
         """The pairs of surfaces that may be held so; all of them where none may."""
-        ends = [pairs.middles_o + side * pairs.widths[:, None] / 2 * pairs.axes_o for side in (-1.0, 1.0)]
+        ends = pairs.ends_o
         fits = np.ones(len(pairs.widths), dtype=bool)
         for _, region in self.forbidden:
             fits &= (region.outside(ends[0]) > 0) & (region.outside(ends[1]) > 0)
@@ -202,18 +202,23 @@ class WishCheck:
             fits &= (np.arcsin(along) <= self.most) & (np.pi - np.arcsin(along) >= self.least)
         pairs = pairs.select(fits) if fits.any() else pairs
         if not self.wishes.edges and len(pairs.widths):
-            ends = [pairs.middles_o + side * pairs.widths[:, None] / 2 * pairs.axes_o for side in (-1.0, 1.0)]
-            far = [~turns_nearby(body, end, side * pairs.axes_o, _OFF_EDGES) for end, side in zip(ends, (1.0, -1.0))]
-            pairs = pairs.select(far[0] & far[1]) if (far[0] & far[1]).any() else pairs
+            inward = (pairs.axes_o, -pairs.axes_o)
+            near = [turns_nearby(body, end, axes, _OFF_EDGES) for end, axes in zip(pairs.ends_o, inward)]
+            far = ~(near[0] | near[1])
+            pairs = pairs.select(far) if far.any() else pairs
         return pairs
 
     def draw_turn(self, frames: Array, rng: np.random.Generator) -> int:
         """Which of the frames (m, 3, 3), whose third columns a hand may look along, is taken."""
-        if self.look_o is None:
-            return int(rng.integers(len(frames)))
-        angles = np.arccos(np.clip(frames[:, :, 2] @ self.look_o, -1.0, 1.0))
-        off = np.maximum(0.0, np.maximum(self.least - angles, angles - self.most))
+        off = self._measure_approach(frames[:, :, 2])
         return int(rng.choice(np.flatnonzero(off <= off.min() + 1e-9)))
+
+    def _measure_approach(self, looks_o: Array) -> Array:
+        """By how much directions (m, 3) that a hand looks along are off the wished approach (m,) [rad]."""
+        if self.look_o is None:
+            return np.zeros(len(looks_o))
+        angles = np.arccos(np.clip(looks_o @ self.look_o, -1.0, 1.0))
+        return np.asarray(np.maximum(0.0, np.maximum(self.least - angles, angles - self.most)))
 
     # -- of what came of it
 
@@ -245,13 +250,10 @@ class WishCheck:
             away = min(distances, default=self.radius)
             if away > 0:
                 yield Miss(wish="touching", by=away / self.radius, description=f"{1e3 * away:.3g} mm away from {name}")
-        if self.look_o is not None:
-            look_o = look_o if back is None else back[:3, :3] @ look_o
-            angle = float(np.arccos(np.clip(look_o @ self.look_o, -1.0, 1.0)))
-            off = max(self.least - angle, angle - self.most)
-            if off > 1e-6:
-                description = f"comes from {np.degrees(off):.0f} deg beyond what was asked for"
-                yield Miss(wish="approach", by=off / np.pi, description=description)
+        off = float(self._measure_approach((look_o if back is None else back[:3, :3] @ look_o)[None])[0])
+        if off > 1e-6:
+            description = f"comes from {np.degrees(off):.0f} deg beyond what was asked for"
+            yield Miss(wish="approach", by=off / np.pi, description=description)
         if touching and not self.wishes.edges and (sharp := on_edges(closure.object, closure.contacts())).any():
             description = f"has {sharp.sum()} of {len(sharp)} contacts on edges"
             yield Miss(wish="edges", by=float(sharp.mean()), description=description)
