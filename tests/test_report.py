@@ -261,7 +261,7 @@ def test_names_of_others_are_text_wherever_they_stand(run, simulated, tmp_path, 
     cells = [piece.strip() for piece in made.texts]
     assert cells.count(shown) >= 4, [cell for cell in cells if shown[:2] in cell]
     rows = re.findall("<tr>(.*?)</tr>", text, re.S)
-    assert {row.count("<t") for row in rows} <= {2, 3, 5, 6}
+    assert {row.count("<t") for row in rows} <= {2, 5, 7}
     assert "\n" not in shown and "\u202e" not in shown
 
 
@@ -495,19 +495,24 @@ def test_records_print_on_a_few_lines(hand, cylinder):
     assert simulation.verdict.reason[:20] in repr(simulation.verdict) and "mujoco" not in repr(simulation)
 
 
-def test_torque_maxima_have_names_and_no_rounding(run):
-    """A joint of which nothing is asked has 0, however the sums came out."""
+def test_torque_maxima_have_names_and_no_noise(run):
+    """A joint of which nothing is asked is named below the table, however the sums came out."""
     torques = np.array(run.motion.torques)
     torques[:, 0] = 1e-15
     quiet = replace(run, motion=replace(run.motion, torques=torques))
     text = report_plan(quiet).to_markdown()
-    rows = text.partition("## Joint torque maxima")[2].partition("## ")[0]
-    cells = {row.split("|")[2].strip(): row.split("|")[3:6] for row in rows.splitlines() if row.count("|") == 6}
-    assert {name.replace("_", "") for name in run.layout.joints} <= {
-        name.replace("\\", "").replace("_", "") for name in cells
-    }
-    first = next(row for name, row in cells.items() if name.replace("\\", "") == run.layout.joints[0])
-    assert [one.strip() for one in first] == ["0", "0", "N m"] and "e-15" not in rows
+    rows = text.partition("## Largest joint torques")[2].partition("<details>")[0].replace("\\", "")
+    told = {row.split("|")[2].strip(): row.split("|")[3:7] for row in rows.splitlines() if row.count("|") == 8}
+    idle = rows.partition("Below 0.1 % of the largest: ")[2]
+    limits = quiet.hand.effort_or_infinity
+    for i, name in enumerate(run.layout.joints):
+        largest = np.abs(torques[:, i]).max()
+        assert (name in told) == (largest > 1e-3 * np.abs(torques).max()) and (name in told or name in idle)
+        if name in told:
+            approach, grasp, limit, used = (one.strip() for one in told[name])
+            assert max(float(approach), float(grasp)) == pytest.approx(largest, abs=6e-5)
+            assert float(limit) == limits[i] and used == f"{100 * largest / limits[i]:.0f} %"
+    assert run.layout.joints[0] not in told and "e-15" not in rows
 
 
 @pytest.mark.parametrize(

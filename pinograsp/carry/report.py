@@ -37,7 +37,10 @@ def report_carry(plan: CarryPlan, figures: Sequence[str] = (), simulation: Simul
     return Report(
         title=f"Carrying with {plan.robot.name}",
         answers=_answer(plan, simulation),
+        figures=shown,
         sections=[
+            *list_section("Cautions", plan.cautions),
+            *list_section("Notes", plan.notes),
             Section(title="What binds on the way", columns=("time [s]", "limit"), rows=stretches),
             Section(
                 title="Contacts",
@@ -49,9 +52,6 @@ def report_carry(plan: CarryPlan, figures: Sequence[str] = (), simulation: Simul
                 columns=("joint", "largest torque [N m or N]", "largest speed [rad/s or m/s]"),
                 rows=joints,
             ),
-            *list_section("Cautions", plan.cautions),
-            *list_section("Notes", plan.notes),
-            *([Section(title="Figures", figures=shown)] if shown else []),
         ],
     )
 

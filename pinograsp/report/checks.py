@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from pinograsp.checks import instance_of
 from pinograsp.plan import Simulation
 from pinograsp.plan.answer import work_in_words
 from pinograsp.report.document import Picture, Report, Section, list_section
+from pinograsp.report.results import answer_simulated
 from pinograsp.words import format_number
+
+_CAPTIONS = {
+    "forces": "Normal forces, simulated and (dashed) planned",
+    "object": "How far the object moves and turns",
+    "energy": "Where the energy goes",
+}
 
 
 def report_check(simulation: Simulation, figures: Sequence[str] = (), studies: Sequence[str] = ()) -> Report:
@@ -18,9 +26,6 @@ def report_check(simulation: Simulation, figures: Sequence[str] = (), studies: S
     rows = zip(simulation.parts, simulation.planned_forces, simulation.normal_forces[-1])
     differences = [f"{name}: {value}" for name, value in simulation.disturbance.items()]
     sections = [
-        Section(title="", text=f"{verdict.reason}."),
-        *list_section("Why", verdict.causes),
-        *list_section("What helps", verdict.remedies),
         Section(title="Measured", columns=("quantity", "value"), rows=_list_measured(simulation)),
         *list_section("Differences from the plan", differences),
         Section(
@@ -32,9 +37,12 @@ def report_check(simulation: Simulation, figures: Sequence[str] = (), studies: S
     if studies:
         sections.append(Section(title="Further trials", outputs=["\n".join(studies)]))
     sections += list_section("Notes", simulation.notes)
-    if figures:
-        sections.append(Section(title="Figures", figures=[Picture(name, name) for name in figures]))
-    return Report(title="Held" if verdict.held else "Lost", sections=sections)
+    return Report(
+        title="Held" if verdict.held else "Lost",
+        answers=answer_simulated(simulation),
+        figures=[Picture(name, _CAPTIONS.get(Path(name).stem, name)) for name in figures],
+        sections=sections,
+    )
 
 
 def _list_measured(simulation: Simulation) -> list[tuple[str, str]]:

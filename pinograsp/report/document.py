@@ -41,6 +41,7 @@ class Section:
         remark: a paragraph below table and list.
         outputs: texts of several lines, shown as they are.
         figures: with captions.
+        folded: shown by its title alone until it is opened, and not printed before.
     """
 
     title: str
@@ -51,6 +52,7 @@ class Section:
     remark: str = ""
     outputs: Sequence[str] = ()
     figures: Sequence[Picture] = ()
+    folded: bool = False
 
     __repr__ = brief("title")
 

@@ -6,15 +6,24 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pinograsp.checks import instance_of, items_of
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.report.document import Finding, Picture, Report, Section, list_section
 from pinograsp.report.results import answer_questions, list_comparison, list_results
-from pinograsp.words import format_fixed, format_number
+from pinograsp.words import few, format_fixed, format_number
 
 _LOST = 1e-3  # share of the energy that couplings cost: worth a sentence
-_ROUNDING = 1e-9  # of the largest torque: smaller ones are rounding
-_FIRST = ("grasp", "contact_forces")  # figures beside the answers
+_NOISE = 1e-3  # of the largest torque: smaller ones are not told
+_FIRST = (
+    "grasp",
+    "contact_forces",
+    "wrench_margin",
+    "friction_use",
+    "joint_angles",
+    "grasp_energy",
+)  # with the answers
 _CAPTIONS = {
     "grasp": "The grasp at t_F: forces on the object, its weight and load in black",
     "contact_forces": "Normal forces and penetration depths in the grasp phase",
@@ -31,37 +40,39 @@ def report_plan(plan: PlanRecord, figures: Sequence[str] = (), simulation: Simul
     """The report of a plan; ``figures``: names of image files in the same folder."""
     instance_of("plan", plan, PlanRecord)
     shown = [Picture(name, _caption(name)) for name in items_of("figures", figures, str)]
-    first = {figure: Path(figure.name).stem in _FIRST for figure in shown}
-    rest = [figure for figure in shown if not first[figure]]
-    ended = f"{plan.status}: {plan.remedy}" if plan.remedy else ""
+    stems = [Path(figure.name).stem for figure in shown]
+    first = [shown[stems.index(name)] for name in _FIRST if name in stems]
+    rest = [figure for figure in shown if figure not in first]
     sections = [
-        Section(title="Results", columns=("quantity", "value"), rows=list_results(plan, simulation), remark=ended),
         *list_section("Cautions", plan.cautions),
         *list_section("Notes", plan.notes),
         _contacts(plan),
         _torques(plan),
+        Section(title="All results", columns=("quantity", "value"), rows=list_results(plan, simulation), folded=True),
         *_search(plan),
     ]
+    if rest:
+        sections.append(Section(title="More figures: joint rates, torques over time", figures=rest, folded=True))
     if plan.comparison:
         comparison = Section(
             title="Comparison with the paper",
             text="Planned with the paper's choices: balance of forces only, no safety factor for friction.",
             columns=("quantity", "unit", "paper", "ours", "difference", "note"),
             rows=list_comparison(plan.comparison),
+            folded=True,
         )
         sections.append(comparison)
     if assumed := plan.settings.get("assumed"):
-        sections.append(Section(title="Assumed inputs", columns=("input", "why"), rows=list(assumed.items())))
-    if rest:
-        sections.append(Section(title="Figures", figures=rest))
+        rows = list(assumed.items())
+        sections.append(Section(title="Assumed inputs", columns=("input", "why"), rows=rows, folded=True))
     settings = [(key, str(value)) for key, value in _flatten(plan.settings)]
     settings = [(key, value) for key, value in settings if key != "name" and not key.startswith("assumed.")]
     if settings:
-        sections.append(Section(title="Settings", columns=("key", "value"), rows=settings))
+        sections.append(Section(title="Settings", columns=("key", "value"), rows=settings, folded=True))
     return Report(
         title=f"Grasp plan: {plan.name[:200]}",
         answers=answer_questions(plan, simulation),
-        figures=[figure for figure in shown if first[figure]],
+        figures=first,
         sections=[*sections, _versions(plan.versions)],
     )
 
@@ -80,35 +91,42 @@ def report_failure(failure: PlanFailure) -> Report:
 def _contacts(plan: PlanRecord) -> Section:
     forces = plan.forces
     rows = [
-        (name, *(format_fixed(f, 4) for f in force), format_fixed(deceleration, 4), f"{missed:.1e}")
-        for name, force, deceleration, missed in zip(
-            plan.contacts.names, forces.forces_c, forces.acceleration, plan.motion.tracking_error
-        )
+        (name, format_fixed(f[2], 3), format_fixed(f[0], 3), format_fixed(f[1], 3), format_fixed(slowed, 3))
+        for name, f, slowed in zip(plan.contacts.names, forces.forces_c, forces.acceleration)
     ]
     return Section(
         title="Contact forces at t_F",
-        columns=("contact", "f_x [N]", "f_y [N]", "F_n [N]", "A [m/s2]", "path error [m]"),
+        columns=("contact", "F_n [N]", "f_x [N]", "f_y [N]", "A [m/s2]"),
         rows=rows,
-        remark="Contact frame: z into the object, x against gravity in the tangent plane, y completes it. Forces act "
-        "on the object.",
+        remark="F_n presses into the object; f_x points against gravity in the tangent plane, f_y completes the "
+        "contact's frame. Forces act on the object. A is the deceleration after the impact.",
     )
 
 
 def _torques(plan: PlanRecord) -> Section:
-    slides = [False] * len(plan.layout.joints) if plan.hand is None else plan.hand.slides.tolist()
-    maxima = plan.torque_maxima()
-    largest = max((values.max(initial=0.0) for one in maxima.values() for values in one.values()), default=0)
-    rows = [
-        (
-            finger,
-            plan.layout.joints[j],
-            *(format_number(value if value > _ROUNDING * largest else 0.0) for value in both),
-            "N" if slides[j] else "N m",
-        )
-        for finger, phases in maxima.items()
-        for j, *both in zip(plan.layout.fingers[finger], phases["approach"].tolist(), phases["grasp"].tolist())
-    ]
-    return Section(title="Joint torque maxima", columns=("finger", "joint", "approach", "grasp", "unit"), rows=rows)
+    """Of joints whose torque is more than noise; the others in a sentence."""
+    count = len(plan.layout.joints)
+    slides = np.zeros(count, dtype=bool) if plan.hand is None else plan.hand.slides
+    limits = np.full(count, np.inf) if plan.hand is None else plan.hand.effort_or_infinity
+    torques, impact = np.abs(plan.motion.torques), plan.motion.impact
+    approach, grasp = torques[: impact + 1].max(axis=0), torques[impact:].max(axis=0)
+    least = _NOISE * torques.max(initial=0.0)
+    rows, idle = [], []
+    for finger, dofs in plan.layout.fingers.items():
+        for j in dofs:
+            name, largest = plan.layout.joints[j], max(approach[j], grasp[j])
+            if largest <= least:
+                idle.append(name)
+                continue
+            used = f"{100 * largest / limits[j]:.0f} %" if np.isfinite(limits[j]) else "-"
+            told = (format_fixed(value, 4) for value in (approach[j], grasp[j]))
+            rows.append((finger, name, *told, format_number(limits[j], 3), used, "N" if slides[j] else "N m"))
+    return Section(
+        title="Largest joint torques",
+        columns=("finger", "joint", "approach", "grasp", "limit", "of limit", "unit"),
+        rows=rows,
+        remark=f"Below {100 * _NOISE:g} % of the largest: {few(idle, 12)}." if idle else "",
+    )
 
 
 def _search(plan: PlanRecord) -> list[Section]:
@@ -118,14 +136,15 @@ def _search(plan: PlanRecord) -> list[Section]:
             return []
         text = f"{grid.points:.4g} grid points, {grid.cells} cells in (t_I, A), {grid.qp_solves} QPs solved."
         rows = [(reason, str(count)) for reason, count in grid.rejections.items()]
-        return [Section(title="Search", text=text, columns=("cells rejected by", "count"), rows=rows)]
+        columns = ("cells rejected by", "count")
+        return [Section(title="Search", text=text, columns=columns, rows=rows, folded=True)]
     residual = f"Residual: {plan.forces.residual_force:.1e} N, {plan.forces.residual_moment:.1e} N m"
     if reserve is None:
         text = (
             f"Branch and bound over t_I: {len(certificate.branches)} intervals. {residual}; largest violation of a "
             f"limit: {certificate.violation:.1e} N."
         )
-        return [Section(title="Search", text=text)]
+        return [Section(title="Search", text=text, folded=True)]
     text = (
         f"One squeeze for {reserve.loads} loads. {reserve.impact_times} impact times were tried; at the one taken no "
         f"squeeze costs less (proven), that no other impact time does is not proven. {residual}; largest violation of "
@@ -136,7 +155,7 @@ def _search(plan: PlanRecord) -> list[Section]:
             f" The energy is at most {100 * reserve.above_unrestricted:.2g} % above the least of a hand whose contacts "
             "and joints could all be chosen one by one."
         )
-    return [Section(title="Search", text=text)]
+    return [Section(title="Search", text=text, folded=True)]
 
 
 def _caption(name: str) -> str:

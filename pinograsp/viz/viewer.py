@@ -203,12 +203,13 @@ class Viewer:
         scene, world = self.scene, self.server.scene
         world.set_up_direction(np.array(scene.up))
         world.configure_environment_map("studio", environment_intensity=0.35)
-        # The panel covers a quarter of the width, on the right.
+        # The panel covers the right third of a window half as wide again as high: the scene is to fit beside it.
         width, height, depth = scene.extent
-        distance = 0.6 * depth + 1.1 * max(height, width / 1.1) / np.tan(_FOV / 2)
+        seen = 1.15 * max(height, width)  # half the height of the view, where the scene is
+        distance = 0.6 * depth + seen / np.tan(_FOV / 2)
         camera = self.server.initial_camera
         camera.fov, camera.near, camera.far = float(_FOV), float(0.01 * distance), float(100 * distance)
-        aside = 0.25 * width * np.cross(scene.up, scene.view) / np.linalg.norm(np.cross(scene.up, scene.view))
+        aside = 0.5 * seen * np.cross(scene.up, scene.view) / np.linalg.norm(np.cross(scene.up, scene.view))
         camera.look_at, camera.position = scene.centre + aside, scene.centre + aside + distance * scene.view
         reach, cell = float(8 * scene.extent.max()), scene.cell
         self._keep(

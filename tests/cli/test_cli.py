@@ -249,6 +249,7 @@ def test_no_option_is_left_out_silently_with_a_case(command):
     of_runs = {"hand", "object", "out", "search", "balance", "measure", "reserve", "solver", "changes", "force"}
     of_runs |= {"compare", "as_json", "quiet", "verbose", "case", "help"}
     values = {"samples": "3", "seed": "1", "least_fingers": "3", "mu": "0.5", "safety": "1.1", "torque_limit": "0.7"}
+    values |= {"opening": "0.03", "at": "0,0,0.1", "posture": "a=1"}
     params = [one for one in get_command(app).commands["plan"].params if one.name not in of_runs]
     assert len(params) > 10
     for one in params:
