@@ -376,6 +376,17 @@ def _distal(points: Array) -> Array:
     return distal
 
 
+def measure_thickness(hand: HandModel) -> dict[str, float]:
+    """How thick the ends of the fingers are [m]: the least extent of their hulls along the hulls' own axes."""
+    found = {}
+    for finger in hand.fingers:
+        points = _distal(_points(hand, finger.joint_ids[-1]))
+        centred = points - points.mean(axis=0)
+        axes = np.linalg.svd(centred, full_matrices=False)[2]
+        found[finger.name] = float(np.ptp(centred @ axes.T, axis=0).min())
+    return found
+
+
 def _points(hand: HandModel, joint: int) -> Array:
     """Points (p, 3) on the hull of what a joint carries, in its frame; its origin where it carries nothing."""
     found = [

@@ -130,6 +130,7 @@ class GraspSearch:
     def explain(self) -> str:
         """What came of it in words: how many samples ended how, and what to do where none holds."""
         causes = self.causes
+        advice = [] if self.unmet else [self._advise_on_most()]
         counts = "; ".join(f"{_SAID.get(what, what)}: {count}" for what, count in causes.items())
         samples = _count(self.tried, "sample")
         if self.grasps:
@@ -137,13 +138,13 @@ class GraspSearch:
             which = "" if good == len(self.grasps) else f" ({good} with a squeeze that withstands the reserve)"
             grasps = _count(len(self.grasps), "grasp")
             text = f"{grasps}{which} from {samples}, the best of every {_BATCH} moved about. As drawn: {counts}"
-            remark = [] if good else [self.size_remark, self._advise_on_most()]
+            remark = [] if good else [self.size_remark, *advice]
             return "\n".join(filter(None, [text, *remark, *self.unmet, *self.advice]))
         text, (least, largest) = f"no grasp of {samples} holds the object: {counts}", self.opening
         text = ". ".join(filter(None, [text, self.size_remark, *self.remarks]))
         if not least / _TOO_SMALL < self.width < largest * _TOO_LARGE:
             text += "; millimetres read as metres, or metres as millimetres? (scale=0.001)"
-        return "\n".join(filter(None, [text, self._advise_on_most(), *self.unmet, *self.advice]))
+        return "\n".join(filter(None, [text, *advice, *self.unmet, *self.advice]))
 
 
 _ADVICE = {
@@ -305,7 +306,7 @@ def _say_unmet(case: SearchCase, names: tuple[str, ...], found: list[FoundGrasp]
     nearest = "; ".join(miss.description for miss in min(misses, key=lambda each: sum(miss.by for miss in each)))
     which = ", ".join(f"{name}={tasks if name == 'tasks' else _as_text(getattr(wishes, name))}" for name in names)
     lead = f"the wish {which} is" if len(names) == 1 else f"the wishes {which} are together"
-    size = alone.size_of_parts() if {"within", "touching"} & set(names) else ""
+    size = alone.describe_parts() if {"within", "touching"} & set(names) else ""
     if not nearest:
         nearest = "does all else" if "tasks" in names else "is as wished: more samples, or another seed, may find it"
     count = f"{_count(len(found), 'grasp')} withstand{'s' * (len(found) == 1)} the reserve"

@@ -15,6 +15,7 @@ from pinograsp.spatial import Array, BoolArray
 _STEPS = 40  # of a ray through the object
 _FACING = np.cos(np.radians(25.0))  # of the angle between the line through a pair and either normal
 _POINTS = 400  # surface points that are looked at
+_BALL = 0.95  # of a ball's radius: what may be nearer than the two walls that it touches
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -150,3 +151,28 @@ def _through(body: Body, points: Array, axes: Array) -> tuple[Array, BoolArray]:
         ended = np.where(back[moving], distance < 1e-4 * radius, distance > -1e-4 * radius)
         moving[moving] = ~ended
     return points + along[:, None] * axes, ~moving
+
+
+def find_gap(body: Body, region: Region, rng: np.random.Generator) -> float:
+    """How wide the widest opening at a part of an object is [m], as between a mug and its handle; 0: there is none.
+
+    The diameter of the largest ball that touches the part and the object on its other side.
+    """
+    start, normals, _ = body.project(region.draw(rng, _POINTS))
+    keep = np.isfinite(normals).all(axis=1) & (region.outside(start) == 0)
+    start, out = start[keep], -normals[keep]
+    radius = body.bounding_radius
+    along, ended = np.full(len(start), 4e-3 * radius), np.zeros(len(start), dtype=bool)
+    for _ in range(_STEPS):
+        moving = ~ended & (along < 2 * radius)
+        if not moving.any():
+            break
+        _, _, distance = body.project(start[moving] + along[moving, None] * out[moving])
+        along[moving] += np.maximum(distance, 1e-4 * radius)
+        ended[moving] = distance < 1e-3 * radius
+    start, out, along = start[ended], out[ended], along[ended]
+    if not len(along):
+        return 0.0
+    _, _, free = body.project(start + along[:, None] / 2 * out)
+    across = free > _BALL * along / 2
+    return float(along[across].max(initial=0.0))

@@ -17,7 +17,8 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body, check_box
 from pinograsp.spatial import Array
-from pinograsp.synthesis.seeds import Pairs, Region
+from pinograsp.synthesis.preshapes import measure_thickness
+from pinograsp.synthesis.seeds import Pairs, Region, find_gap
 from pinograsp.words import printable
 
 Side: TypeAlias = Literal["above", "below", "side"]
@@ -26,6 +27,7 @@ _CONE = np.radians(40.0)  # of approaches that are named by a word
 _OFF_EDGES = 6e-3  # [m] of surfaces that are drawn where no contact may lie on an edge: fingertips are not points
 _SAME_FINGER = {"pinky": "little", "little": "pinky", "forefinger": "index"}
 FINGERS = 3  # that are to take part, where a hand has so many and enough grasps of so many hold
+_SLIT = 1e-3  # [m] of openings that are not told
 _NO_FINGER = "no finger of this hand"
 
 
@@ -170,7 +172,7 @@ class WishCheck:
     """
 
     def __init__(self, wishes: Wishes, hand: HandModel, body: Body, gravity_o: ArrayLike = (0.0, 0.0, -9.81)):
-        self.wishes, self.radius = wishes, body.bounding_radius
+        self.wishes, self.hand, self.body, self.radius = wishes, hand, body, body.bounding_radius
         self.fingers = None if wishes.fingers is None else find_fingers(hand, wishes.fingers)
         available = len(hand.fingers) if self.fingers is None else len(self.fingers)
         if wishes.least_fingers is not None and wishes.least_fingers > available:
@@ -277,11 +279,21 @@ class WishCheck:
             description = f"the open hand leaves {1e3 * room:.3g} mm"
             yield Miss(wish="opening", by=(self.wishes.opening - room) / self.radius, description=description)
 
-    def size_of_parts(self) -> str:
-        """How large the parts are that are asked for, in words."""
+    def describe_parts(self) -> str:
+        """How large the parts are that are asked for, how wide the openings at them, and how thick the fingers."""
         regions = [*([("the part", self.within)] if self.within is not None else []), *self.touching]
-        sizes = [f"{name}: {' x '.join(f'{1e3 * one:.3g}' for one in at.upper - at.lower)} mm" for name, at in regions]
-        return f" ({'; '.join(sizes)})"
+        told, gaps = [], []
+        for name, region in regions:
+            size = " x ".join(f"{1e3 * one:.3g}" for one in region.upper - region.lower)
+            gap = find_gap(self.body, region, np.random.default_rng(0))
+            gaps += [gap] if gap > _SLIT else []
+            told.append(f"{name}: {size} mm" + (f", with an opening of {1e3 * gap:.2g} mm" if gap > _SLIT else ""))
+        thick = measure_thickness(self.hand)
+        taking = [thick[name] for name in self.fingers or thick]
+        if gaps:
+            least, most = (f"{1e3 * one:.2g}" for one in (min(taking), max(taking)))
+            told.append(f"the fingers are {least if least == most else f'{least} to {most}'} mm thick")
+        return f" ({'; '.join(told)})"
 
 
 def find_fingers(hand: HandModel, names: Sequence[str]) -> tuple[str, ...]:

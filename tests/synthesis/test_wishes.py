@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import secrets
+
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from pinograsp.contacts import PALM, close_hand
 from pinograsp.contacts.edges import on_edges
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import GraspConditions, Reserve, Task
 from pinograsp.hands import load_hand
-from pinograsp.objects import Cylinder
+from pinograsp.objects import Cylinder, Mesh
+from pinograsp.spatial import pose_of
 from pinograsp.synthesis import Approach, Wishes, find_grasps
+from pinograsp.synthesis.preshapes import measure_thickness
+from pinograsp.synthesis.seeds import Region, find_gap
 from pinograsp.synthesis.wishes import WishCheck, find_fingers
 
 POSE = pin.SE3(pin.utils.rotate("z", 0.6), np.array([0.2, -0.1, 0.4])).homogeneous
@@ -166,3 +172,28 @@ def test_what_is_missed_is_measured(allegro):
     assert misses["approach"].by == pytest.approx(1.0 - 0.1 / np.pi)
     assert ("fingers" in misses) is bool(names - {"", "palm", "thumb"})
     assert set(misses["approach"].fingers) == set()
+
+
+def test_openings_are_as_wide_as_they_were_made():
+    """A plate on two posts: between them what was left free, in whatever place and direction; a solid has none."""
+    rng = np.random.default_rng(secrets.randbelow(2**32))
+    gap = rng.uniform(0.012, 0.04)
+    parts = [trimesh.creation.box((0.02, 0.03, 0.06)) for _ in range(2)]
+    parts.append(trimesh.creation.box((0.04 + gap, 0.03, 0.02)))
+    parts[0].apply_translation([(gap + 0.02) / 2, 0, 0])
+    parts[1].apply_translation([-(gap + 0.02) / 2, 0, 0])
+    parts[2].apply_translation([0, 0, -0.04])
+    made = trimesh.boolean.union(parts, engine="manifold")
+    pose = pose_of(rng.normal(size=3), pin.exp3(rng.normal(size=3)))
+    body = Mesh(vertices=made.vertices, faces=made.faces, mass=0.2, pose=pose)
+    posts = Region(lower=np.array([-0.1, -0.1, -0.02]), upper=np.full(3, 0.1), pose=np.array(body.pose))
+    assert find_gap(body, posts, rng) == pytest.approx(gap, rel=0.05)
+    solid = Cylinder(radius=0.03, height=0.1, mass=0.2)
+    assert find_gap(solid, Region(lower=-np.full(3, 0.1), upper=np.full(3, 0.1), pose=np.eye(4)), rng) == 0.0
+
+
+def test_fingers_are_as_thick_as_their_shapes(allegro):
+    """The ends of an Allegro's fingers are between 12 and 28 mm thick."""
+    thick = measure_thickness(allegro)
+    assert set(thick) == {finger.name for finger in allegro.fingers}
+    assert all(0.012 < one < 0.028 for one in thick.values())
