@@ -1,6 +1,14 @@
 """What drives and contacts make of a squeeze: quasi-static maps, stability, bands of the forces."""
 
-from pinograsp.actuation.bands import FACTORS, ForceBand, GainLimit, force_band, gains_within, stiffness_scenarios
+from pinograsp.actuation.bands import (
+    FACTORS,
+    ForceBand,
+    GainLimit,
+    drive_scenarios,
+    force_band,
+    gains_within,
+    stiffness_scenarios,
+)
 from pinograsp.actuation.compliant_hand import CompliantHand
 from pinograsp.actuation.quasistatic import QuasistaticMaps, contact_stiffness, quasistatic_maps
 from pinograsp.actuation.stability import ObjectStiffness, object_stiffness
@@ -13,6 +21,7 @@ __all__ = [
     "ObjectStiffness",
     "QuasistaticMaps",
     "contact_stiffness",
+    "drive_scenarios",
     "force_band",
     "gains_within",
     "object_stiffness",

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 
 from pinograsp.actuation.compliant_hand import CompliantHand
 from pinograsp.actuation.squeeze import NEGLIGIBLE, Squeeze
-from pinograsp.checks import array_of, brief, frozen, number, shorten
+from pinograsp.checks import array_of, brief, frozen, number, share_of, shorten
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import ForceSolution, StiffnessScenario
+from pinograsp.forces import ForceSolution, SqueezeScenario
 from pinograsp.spatial import Array, BoolArray
 
 FACTORS = (0.2, 0.5, 1.0, 2.0, 5.0, 20.0)
@@ -133,7 +133,7 @@ def force_band(
 
 def stiffness_scenarios(
     solution: ForceSolution, hand: CompliantHand, factors: ArrayLike, *, tangential_ratio: float = 2 / 3
-) -> tuple[StiffnessScenario, ...]:
+) -> tuple[SqueezeScenario, ...]:
     """What the normal forces of a squeeze near ``solution`` become where K is ``factors`` (s,) times that of the plan.
 
     At the solution itself they are those of :func:`force_band`; around it they follow to first order.
@@ -141,24 +141,52 @@ def stiffness_scenarios(
     Raises:
         InvalidInput: as for :func:`force_band`.
     """
-    squeeze, found = Squeeze.of(solution, hand, tangential_ratio), []
-    planned, G = squeeze.planned.ravel(), solution.problem.contacts.G
+    squeeze = Squeeze.of(solution, hand, tangential_ratio)
+    return tuple(_linearise(squeeze, factor) for factor in _factors_of(factors).tolist())
+
+
+def drive_scenarios(
+    solution: ForceSolution, hand: CompliantHand, share: float, *, tangential_ratio: float = 2 / 3
+) -> tuple[SqueezeScenario, ...]:
+    """What the normal forces of a squeeze near ``solution`` become where drives make other efforts than they are told.
+
+    All drives together make 1 - ``share`` and 1 + ``share`` times theirs, and each of those that press at all does so
+    alone; at any motion, as where a torque constant or a gain is other than assumed. The object gives way until forces
+    balance again. Rigid drives are where they are, whatever effort that takes.
+
+    Args:
+        solution: forces with their problem.
+        hand: that touches there, with its servo gains.
+        share: of an effort that may be missing or too much, below 1 [-].
+        tangential_ratio: as for :func:`force_band`.
+
+    Raises:
+        InvalidInput: as for :func:`force_band`, or a share that cannot be used.
+    """
+    share = share_of("share of the drives' efforts", share)
+    squeeze = Squeeze.of(solution, hand, tangential_ratio)
+    pressing = np.abs(hand.jacobian @ hand.transmission).max(axis=0) > 0
+    alone = np.eye(hand.m)[hand.yielding & pressing]
+    which = np.vstack([np.ones((1, hand.m)), alone]) if len(alone) > 1 else np.ones((1, hand.m))
+    shares = [1.0 + sign * share * one for one in which for sign in (-1.0, 1.0)]
+    return tuple(_linearise(squeeze.with_drives(hand, one), 1.0) for one in shares)
+
+
+def _linearise(squeeze: Squeeze, factor: float) -> SqueezeScenario:
+    """What comes of a squeeze where contacts press ``factor`` times as much, to first order."""
+    planned, G = squeeze.planned.ravel(), squeeze.problem.contacts.G
+    settled = squeeze.settle(factor)
+    change = squeeze.response(factor, settled)
+    offset = settled.forces.ravel() - change @ planned
+    # They balance what the planned ones do: of rounding nothing may be left, where contacts leave no choice.
     back = np.linalg.pinv(G, rcond=_EQUAL)
-    for factor in _factors_of(factors).tolist():
-        settled = squeeze.settle(factor)
-        change = squeeze.response(factor, settled)
-        offset = settled.forces.ravel() - change @ planned
-        # They balance what the planned ones do: of rounding nothing may be left, where contacts leave no choice.
-        change = (change - back @ (G @ change - G))[2::3]
-        offset = (offset - back @ (G @ offset))[2::3]
-        found.append(
-            StiffnessScenario(
-                normal=frozen(np.array(change[:, 2::3])),
-                tangential=frozen(np.delete(change, np.s_[2::3], axis=1)),
-                offset=frozen(np.array(offset)),
-            )
-        )
-    return tuple(found)
+    change = (change - back @ (G @ change - G))[2::3]
+    offset = (offset - back @ (G @ offset))[2::3]
+    return SqueezeScenario(
+        normal=frozen(np.array(change[:, 2::3])),
+        tangential=frozen(np.delete(change, np.s_[2::3], axis=1)),
+        offset=frozen(np.array(offset)),
+    )
 
 
 def gains_within(

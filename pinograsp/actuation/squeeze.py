@@ -1,4 +1,4 @@
-"""A planned squeeze as a mechanism in equilibrium, whatever the stiffness of its contacts turns out to be.
+"""A planned squeeze as a mechanism in equilibrium, whatever its contacts' stiffness and its drives turn out to be.
 
 Let u = u* + B z - G^T x be the motions of the hand's contact points less those of the object's, from first touch, for
 changes z of what yields in the hand, against the stiffness D, and x of the object from what was planned. In
@@ -6,7 +6,8 @@ equilibrium
 
     min over z, x of   sum of the contacts' elastic energies(u) + z^T D z / 2 - f*^T (B z - G^T x),
 
-a convex function: f* are the planned forces, which the commands give and which balance the load. Contacts press with
+a convex function: f* are the planned forces, which the commands give and which balance the load; where drives make
+only a share of the efforts that they are told, that share of f*^T B z counts. Contacts press with
 f(u_z), that of the contact law, and stick with the tangential stiffness of their planned normal force. Where that asks
 for more than friction allows, the tangential force is what friction allows along the same direction, and equilibrium is
 found again.
@@ -54,7 +55,8 @@ class Squeeze:
     """A squeeze as it was planned, and how hand and object may move from there.
 
     ``motions`` (3k, p): u per unit of what yields, then of the object's twist; ``yielding`` (p, p): stiffness against
-    them without the contacts; ``stretch`` (k, 2): tangential motions that give the planned forces [m].
+    them without the contacts; ``stretch`` (k, 2): tangential motions that give the planned forces [m]; ``efforts``
+    (p,): what the drives make of what is commanded, share of it, 1 along all other motions [-].
     """
 
     problem: ForceProblem
@@ -64,6 +66,7 @@ class Squeeze:
     stretch: Array
     motions: Array
     yielding: Array
+    efforts: Array
 
     __repr__ = brief()
 
@@ -98,6 +101,7 @@ class Squeeze:
             stretch=np.divide(planned[:, :2], stiff, out=np.zeros((problem.k, 2)), where=stiff > 0),
             motions=motions,
             yielding=yielding,
+            efforts=np.ones(len(yielding)),
         )
 
     @staticmethod
@@ -111,19 +115,32 @@ class Squeeze:
     def with_hand(self, hand: CompliantHand) -> Squeeze:
         """The same squeeze by a hand that yields otherwise."""
         motions, yielding = self._assemble_motions(self.problem, hand)
-        return replace(self, motions=motions, yielding=yielding)
+        return replace(self, motions=motions, yielding=yielding, efforts=np.ones(len(yielding)))
+
+    def with_drives(self, hand: CompliantHand, shares: Array) -> Squeeze:
+        """The same commands to the hand's drives, where these make ``shares`` (m,) of each effort, at any motion."""
+        own = np.sqrt(shares)
+        gains = own[:, None] * hand.gains * own if hand.gains.ndim == 2 else shares * hand.gains
+        squeeze = self.with_hand(replace(hand, gains=gains))
+        squeeze.efforts[: hand.yielding.sum()] = shares[hand.yielding]
+        return squeeze
 
     def stiffness(self, factor: float) -> Array:
         """K_c (3k, 3k) [N/m] at the planned forces, where contacts press ``factor`` times as much as in the plan."""
         normal = normal_stiffness(self.problem.compliance.scale(factor), self.planned[:, 2])
         return np.diag(np.column_stack([self.ratio * normal, self.ratio * normal, normal]).ravel())
 
+    @property
+    def pull(self) -> Array:
+        """What the commands and the load pull with along each motion (p,) [N m or N]."""
+        return np.asarray(self.efforts * (self.motions.T @ self.planned.ravel()))
+
     def settle(self, factor: float) -> Settled:
         """The equilibrium where contacts press ``factor`` times as much, by Newton's method on the energy."""
         law, k, T = self.problem.compliance.scale(factor), self.problem.k, self.motions
         across = np.diag(self.stiffness(factor)).reshape(k, 3)[:, :2]
         start = np.column_stack([self.stretch, self.problem.compliance.depth(self.planned[:, 2])])
-        pull = T.T @ self.planned.ravel()
+        pull = self.pull
 
         def forces(v: Array) -> tuple[float, Array, Array]:
             """Energy [J] without its constants, forces (k, 3) [N] and depths (k,) [m]."""
@@ -170,8 +187,7 @@ class Squeeze:
         """The equilibrium where contacts slip, by a semismooth Newton method from the one without, ``v`` (p,), which
         takes ``most`` times the friction; None where none is found.
         """
-        T, k = self.motions, self.problem.k
-        pull = T.T @ self.planned.ravel()
+        T, k, pull = self.motions, self.problem.k, self.pull
         twisted = self.torsion_share
 
         def residual(v: Array, more: float) -> tuple[Array, Array, Array]:
@@ -232,7 +248,8 @@ class Squeeze:
         normal = normal_stiffness(law, np.maximum(self.planned[:, 2], NEGLIGIBLE * self.planned[:, 2].max()))
         assumed = np.column_stack([self.ratio * normal, self.ratio * normal, normal]).ravel()
         kept = np.diag(np.divide(stiff, assumed, out=np.zeros(3 * k), where=assumed > 0))
-        yielded = invert_stiffness((T.T * stiff) @ T + self.yielding) @ T.T @ (np.eye(3 * k) - kept)
+        unmet = self.efforts[:, None] * T.T - T.T @ kept
+        yielded = invert_stiffness((T.T * stiff) @ T + self.yielding) @ unmet
         return np.asarray(kept + stiff[:, None] * (T @ yielded))
 
     @property

@@ -54,6 +54,9 @@ class DisturbanceOptions:
     servo_gain: float = _difference(
         "Factor on the servos' gains; with --control torque, on the motors' torques.", default=1.0
     )
+    drive_gain: str | None = _difference(
+        "What all drives, or each, make of what they are told: a factor.", metavar="G[,G...]"
+    )
 
     def read(self, task: Task) -> Disturbance:
         """As a disturbance of the task; :class:`InvalidInput` for texts that say none."""
@@ -100,6 +103,8 @@ class DisturbanceOptions:
             given["joint_offset"] = read_of_joints(hand, "--joint-offset", self.joint_offset, math.radians(1), 1e-3)
         if self.joint_friction is not None:
             given["joint_friction"] = read_of_joints(hand, "--joint-friction", self.joint_friction, 1.0, 1.0)
+        if self.drive_gain is not None:
+            given["drive_gain"] = read_of_joints(hand, "--drive-gain", self.drive_gain, 1.0, 1.0)
         return Disturbance(**given)
 
 

@@ -9,7 +9,7 @@ from pinograsp.forces.grid.global_optimum import optimize_grasp
 from pinograsp.forces.grid.search import SEARCHES, GridMethod, GridSearch, grid_search
 from pinograsp.forces.optimize import optimize_forces
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.robust.forces import Reaction, RobustForces, StiffnessScenario
+from pinograsp.forces.robust.forces import Reaction, RobustForces, SqueezeScenario
 from pinograsp.forces.robust.load_set import LoadSet
 from pinograsp.forces.robust.margins import (
     GraspMargins,
@@ -105,7 +105,7 @@ __all__ = [
     "Sensitivity",
     "SolverAnswer",
     "SolverName",
-    "StiffnessScenario",
+    "SqueezeScenario",
     "Task",
     "Tolerance",
     "TorqueLimit",

@@ -29,7 +29,7 @@ ForceLimit = Literal[
     "min_normal_force",
 ]
 ReservePart = Literal[
-    "disturbance", "moment_arm", "reserve_mass", "friction", "normal_force", "torque", "softer", "stiffer"
+    "disturbance", "moment_arm", "reserve_mass", "friction", "normal_force", "torque", "softer", "stiffer", "drive"
 ]
 LimitName = ForceLimit | Literal["mu", "mass"] | ReservePart
 
@@ -198,6 +198,7 @@ _WORDS: dict[LimitName, tuple[str, str, str, float]] = {
     "torque": ("torque", "torque of the reserve", "", 1.0),
     "softer": ("softer", "softer contacts of the reserve", "", 1.0),
     "stiffer": ("stiffer", "stiffer contacts of the reserve", "", 1.0),
+    "drive": ("drive", "weaker and stronger drives of the reserve", "", 1.0),
 }
 
 

@@ -210,6 +210,7 @@ def planned_reserve(reserve: PlanReserve | None) -> str:
         (reserve.torque, f"{_percent(reserve.torque)} of each torque limit"),
         (reserve.softer > 1, f"contacts {reserve.softer:g} times as soft"),
         (reserve.stiffer > 1, f"contacts {reserve.stiffer:g} times as stiff"),
+        (reserve.drive, f"drives {_percent(reserve.drive)} weaker or stronger"),
         *((True, task) for task in reserve.tasks),
     ]
     return ", ".join(text for share, text in parts if share) or "none: planned for the weight alone"

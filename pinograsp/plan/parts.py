@@ -143,6 +143,7 @@ class PlanReserve:
         torque: share of each torque limit that is kept free [-].
         softer: the contacts may be softer by this factor [-], with the hand's own servos.
         stiffer: or stiffer by this factor [-].
+        drive: share by which the drives' efforts may be off [-], with the hand's own servos.
         tasks: what is done with the object, in words.
         loads: number of loads that stand for all of these.
         impact_times: that a search tried; the forces are the proven optimum at the one that it took.
@@ -162,6 +163,7 @@ class PlanReserve:
     above_unrestricted: float = 0.0
     softer: float = 1.0
     stiffer: float = 1.0
+    drive: float = 0.0
     tasks: tuple[str, ...] = ()
 
     __repr__ = brief()

@@ -159,6 +159,7 @@ def record_reserve(reserve: Reserve, squeeze: RobustForces, tried: int, unrestri
         torque=reserve.torque,
         softer=reserve.softer,
         stiffer=reserve.stiffer,
+        drive=reserve.drive,
         tasks=tuple(task.describe() for task in reserve.tasks),
         loads=len(squeeze.load_set.loads),
         impact_times=tried,

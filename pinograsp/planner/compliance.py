@@ -11,11 +11,12 @@ from pinograsp.actuation import (
     ForceBand,
     GainLimit,
     ObjectStiffness,
+    drive_scenarios,
     force_band,
     gains_within,
     stiffness_scenarios,
 )
-from pinograsp.forces import ForceSolution, StiffnessScenario
+from pinograsp.forces import ForceSolution, Reserve, SqueezeScenario
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.motion.holding import AWAY, compliant_hand, held_stiffness, push_away
 from pinograsp.plan import StiffnessBand
@@ -41,11 +42,13 @@ def find_band(hand: HandModel, solution: ForceSolution, q: Array, gains: Array, 
     return force_band(solution, _yielding_hand(hand, solution, q, gains), factors)
 
 
-def find_scenarios(
-    hand: HandModel, solution: ForceSolution, q: Array, factors: ArrayLike
-) -> tuple[StiffnessScenario, ...]:
-    """What a squeeze becomes on contacts ``factors`` (s,) times as stiff as assumed, with the hand's own servos."""
-    return stiffness_scenarios(solution, _yielding_hand(hand, solution, q, servo_gains(hand)), factors)
+def find_scenarios(hand: HandModel, solution: ForceSolution, q: Array, reserve: Reserve) -> tuple[SqueezeScenario, ...]:
+    """What a squeeze becomes on the softest and stiffest contacts of a reserve, and from its weakest and strongest
+    drives, with the hand's own servos.
+    """
+    yielding = _yielding_hand(hand, solution, q, servo_gains(hand))
+    found = stiffness_scenarios(solution, yielding, reserve.stiffness_factors) if reserve.stiffness_factors else ()
+    return found + (drive_scenarios(solution, yielding, reserve.drive) if reserve.drive else ())
 
 
 def find_gains(hand: HandModel, solution: ForceSolution, q: Array, tolerance: float, factors: ArrayLike) -> GainLimit:

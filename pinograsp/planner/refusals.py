@@ -192,13 +192,13 @@ def no_forces(squeeze: RobustForces, problem: ForceProblem) -> ConvexSolution:
 
 def explain_unmade(hand: HandModel, problem: ForceProblem, reserve: Reserve, together: PressingTogether | None) -> str:
     """Why the hand cannot make the forces that would hold the object."""
-    if reserve.stiffness_factors:
+    if reserve.has_scenarios:
         gains = servo_gains(hand)
+        asked = [f"{name}={getattr(reserve, name):g}" for name in ("softer", "stiffer", "drive")]
         return (
-            "no grasp found that holds on contacts as soft and as stiff as the reserve has them (softer="
-            f"{reserve.softer:g}, stiffer={reserve.stiffer:g}), though forces hold the object on those assumed: what "
-            f"servos of {gains.min():.3g} to {gains.max():.3g} N m/rad (sliding joints: N/m) make of them there does "
-            "not"
+            "no grasp found that holds on contacts as soft and as stiff, and from drives as weak and as strong, as the "
+            f"reserve has them ({', '.join(asked)}), though forces hold the object as assumed: what servos of "
+            f"{gains.min():.3g} to {gains.max():.3g} N m/rad (sliding joints: N/m) make of them there does not"
         )
     moves = np.zeros((0, hand.n)) if together is None else together.moves
     driving = [name for name, column in zip(hand.joint_names, moves.T) if np.any(column)]

@@ -17,7 +17,7 @@ from pinograsp.forces import (
     ForceSolution,
     Reserve,
     RobustForces,
-    StiffnessScenario,
+    SqueezeScenario,
     TorqueLimits,
     grid_search,
     optimize_grasp,
@@ -199,12 +199,12 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
         refuse_no_squeeze(freely, searched, reserve, options.objective)
         squeeze = freely
         rows = np.zeros((0, problem.k)) if together is None else together.rows
-        if len(rows) or reserve.stiffness_factors:
+        if len(rows) or reserve.has_scenarios:
             squeeze = _search_producible(hand, searched, squeeze, reserve, options, posture, together)
             tried += squeeze.tried
         forces = squeeze.under(problem.load)
         watch.stop("forces")
-        motion = plan_motion(hand, forces, options.motion, corrected=not reserve.stiffness_factors)
+        motion = plan_motion(hand, forces, options.motion, corrected=not reserve.has_scenarios)
         posture = motion.q[-1]
         watch.stop("motion")
         if limit is None:
@@ -244,14 +244,13 @@ def _search_producible(
     posture: Array | None,
     together: PressingTogether | None,
 ) -> RobustForces:
-    """A squeeze that the hand's joints can make in a posture (n,), on contacts of all the reserve's stiffnesses."""
-    factors = reserve.stiffness_factors
+    """A squeeze that the hand's joints can make in a posture (n,), in all scenarios of the reserve."""
     rows = np.zeros((0, problem.k)) if together is None else together.rows
 
-    def scenarios_of(solution: ForceSolution) -> tuple[StiffnessScenario, ...]:
-        return find_scenarios(hand, solution, instance_of("posture of the contacts", posture, np.ndarray), factors)
+    def scenarios_of(solution: ForceSolution) -> tuple[SqueezeScenario, ...]:
+        return find_scenarios(hand, solution, instance_of("posture of the contacts", posture, np.ndarray), reserve)
 
-    scenarios = scenarios_of if factors else None
+    scenarios = scenarios_of if reserve.has_scenarios else None
     producible = producible_reserve(problem, reserve, squeeze, rows, objective=options.objective, scenarios=scenarios)
     if producible.status is not Status.OK:
         raise GraspUndecided(explain_unmade(hand, problem, reserve, together), no_forces(producible, problem))
@@ -273,7 +272,7 @@ def _search_as_they_come(
     they go on from there, a firmer grip shows.
     """
     left = _largest_change(squeeze.normal_forces, motion)
-    if left < ROUNDS.comes or reserve.stiffness_factors:
+    if left < ROUNDS.comes or reserve.has_scenarios:
         return None
     forces = squeeze.under(problem.load)
     firmer = normal_at_rest(

@@ -136,7 +136,7 @@ class Course:
         resting = instants > end - 0.5 * dt
         self.dq[resting], torques[resting] = 0.0, task.holding_torques
         share = {"torque": options.disturbance.servo_gain, "position": 0.0, "impedance": 1.0}[schedule.servo.control]
-        self.torques: Array = share * torques
+        self.torques: Array = share * each_of("drive gain", options.disturbance.drive_gain, task.hand.n) * torques
         if schedule.is_prescribed:  # the engine integrates a step's velocity to the next position
             self.dq[1:] = np.diff(self.q, axis=0) / dt
             self.ddq[:-1], self.ddq[-1] = np.diff(self.dq, axis=0) / dt, 0.0

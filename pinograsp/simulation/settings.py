@@ -136,13 +136,16 @@ class Servo:
             damped = SETTLING * felt
         return cls(stiffness=0.0 * chosen if torque else chosen, damping=damped, rotor=rotor, control=control)
 
-    def scale_gains(self, factor: float) -> Servo:
-        """With ``factor`` times the gains, stiffness and damping; torque control has none, its damping is the joints'.
+    def scale_gains(self, factor: ArrayLike) -> Servo:
+        """With ``factor`` times the gains, stiffness and damping, one number or (n,); torque control has none, its
+        damping is the joints'.
 
         Raises:
             InvalidInput: a factor that is not above 0.
         """
-        factor = number("servo gain", factor, above=0)
+        factor = each_of("servo gain", factor, len(self.stiffness))
+        if np.any(factor <= 0):
+            raise InvalidInput(f"servo gain: expected factors > 0, got {shorten(factor.tolist())}")
         if self.control == "torque":
             return self
         closing = None if self.closing is None else factor * self.closing
@@ -280,6 +283,8 @@ class Disturbance:
         joint_friction: dry friction of the joints, one number or (n,) [N m or N].
         servo_gain: ratio of the servos' stiffness and damping to those of :class:`Servo`; with torque control, which
             has no servos, of the motors' torques to the plan's.
+        drive_gain: ratio of what the drives make to what they are told, servos and torques alike, one number or (n,):
+            torque constants, and what friction takes.
     """
 
     pushes: tuple[Push, ...] = ()
@@ -295,6 +300,7 @@ class Disturbance:
     joint_offset: float | Array = 0.0
     joint_friction: float | Array = 0.0
     servo_gain: float = 1.0
+    drive_gain: float | Array = 1.0
 
     if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
 
@@ -314,6 +320,7 @@ class Disturbance:
             joint_offset: ArrayLike = ...,
             joint_friction: ArrayLike = ...,
             servo_gain: float = ...,
+            drive_gain: ArrayLike = ...,
         ) -> None: ...
 
     __repr__ = brief()
@@ -338,10 +345,13 @@ class Disturbance:
         for name, text in (
             ("joint_offset", "joint offset [rad or m]"),
             ("joint_friction", "joint friction [N m or N]"),
+            ("drive_gain", "drive gain"),
         ):
             value = getattr(self, name)
             put(name, array_of(text, value, (None,)) if floats_of(text, value).ndim else number(text, value))
         at_least_zero("joint friction [N m or N]", self.joint_friction)
+        if np.any(np.asarray(self.drive_gain) <= 0):
+            raise InvalidInput(f"drive gain: expected factors > 0, got {shorten(self.drive_gain)}")
 
     @property
     def accelerates(self) -> bool:
@@ -389,4 +399,6 @@ class Disturbance:
         for name in ("joint_offset", "joint_friction"):
             if np.any(getattr(self, name)):
                 values[name] = np.asarray(getattr(self, name)).tolist()
+        if np.any(np.asarray(self.drive_gain) != 1.0):
+            values["drive_gain"] = np.asarray(self.drive_gain).tolist()
         return values

@@ -70,7 +70,7 @@ def simulate_task(task: Task, options: SimulationOptions) -> Simulation:
     engine = MujocoEngine(
         task,
         time_step=schedule.time_step,
-        servo=schedule.servo.scale_gains(disturbance.servo_gain),
+        servo=schedule.servo.scale_gains(disturbance.servo_gain).scale_gains(disturbance.drive_gain),
         mass_factor=disturbance.mass_factor,
         joint_friction=each_of("joint friction", disturbance.joint_friction, task.hand.n),
     )

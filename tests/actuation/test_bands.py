@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import secrets
+
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -9,8 +11,16 @@ from conftest import make_contacts
 from scipy.optimize import brentq
 
 import pinograsp as pg
-from pinograsp.actuation import CompliantHand, contact_stiffness, force_band, gains_within, stiffness_scenarios
+from pinograsp.actuation import (
+    CompliantHand,
+    contact_stiffness,
+    drive_scenarios,
+    force_band,
+    gains_within,
+    stiffness_scenarios,
+)
 from pinograsp.contacts import MarhefkaOrin
+from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, ForceSolution, TorqueLimits
 from pinograsp.motion import torque_limits
 
@@ -320,6 +330,44 @@ def test_scenarios_follow_the_band_to_first_order(paper, factor, law, off):
     inner *= 0.01 * planned[:, 2].min() / np.abs(inner).max()
     assert missed(planned) < 1e-7
     assert missed(planned + inner.reshape(planned.shape)) < off * np.abs(inner).max()
+
+
+def test_drives_that_make_other_efforts_than_they_are_told():
+    """Each makes s (F* - g z): F (2c + 1/(s1 g1) + 1/(s2 g2)) = F* (2c + 1/g1 + 1/g2) on both sides."""
+    gains, share = (800.0, 3000.0), 0.3
+    found = drive_scenarios(jaws(), CompliantHand(jacobian=PRESSING, gains=gains), share)
+    by_drive = [(1 - share,) * 2, (1 + share,) * 2, *((1 - share, 1), (1 + share, 1), (1, 1 - share), (1, 1 + share))]
+    assert len(found) == len(by_drive)
+    for one, told in zip(found, by_drive):
+        made = 2 / 4000.0 + sum(1 / (s * g) for s, g in zip(told, gains))
+        expected = (2 / 4000.0 + sum(1 / g for g in gains)) / made
+        assert one.normal.sum(axis=1) == pytest.approx([expected, expected]) and np.abs(one.offset).max() < 1e-6
+    torques = drive_scenarios(jaws(), CompliantHand(jacobian=PRESSING, gains=[1e-6, 1e-6]), share)
+    assert torques[0].normal.sum(axis=1) == pytest.approx([0.7, 0.7], rel=1e-6)
+    rigid = drive_scenarios(jaws(), CompliantHand(jacobian=PRESSING, gains=[np.inf, np.inf]), share)
+    assert all(one.normal.sum(axis=1) == pytest.approx([1.0, 1.0]) for one in rigid)
+    with pytest.raises(InvalidInput, match="share of the drives' efforts: expected a share from 0 to below 1"):
+        drive_scenarios(jaws(), CompliantHand(jacobian=PRESSING, gains=gains), 1.0)
+
+
+def test_scenarios_of_drives_follow_the_equilibrium_to_first_order(paper):
+    """At the solution they are its own forces there; near it, those of a solution that is near."""
+    contacts, planned, jacobian = paper[0].problem.contacts, np.array(paper[0].forces_c), paper[1]
+    hand = CompliantHand.at(contacts, jacobian, gains=np.full(jacobian.shape[2], 5.0))
+    inner = np.random.default_rng(secrets.randbelow(2**32)).normal(size=planned.size)
+    inner -= np.linalg.pinv(contacts.G) @ (contacts.G @ inner)
+    inner = (0.01 * planned[:, 2].min() / np.abs(inner).max() * inner).reshape(planned.shape)
+    told, near = (
+        drive_scenarios(solution_of(contacts, forces, compliance=LINEAR, mu=20.0), hand, 0.3)
+        for forces in (planned, planned + inner)
+    )
+
+    def normal_forces(one, forces):
+        return one.normal @ forces[:, 2] + one.tangential @ forces[:, :2].ravel() + one.offset
+
+    for one, other in zip(told, near):
+        there = normal_forces(other, planned + inner)
+        assert np.abs(normal_forces(one, planned + inner) - there).max() < 1e-6 * planned[:, 2].max()
 
 
 def test_scenarios_of_a_servo_in_series_with_both_jaws():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from pinograsp.cases.object_case import ObjectCase
 from pinograsp.errors import GraspUndecided, InvalidInput, Status
 from pinograsp.forces import disturbance_margin
 from pinograsp.planner import load_run, save_run
+from pinograsp.planner.compliance import find_scenarios
 from pinograsp.report import list_results
 from pinograsp.simulation import Disturbance, Servo
 
@@ -75,6 +77,28 @@ def test_torque_control_needs_no_more_on_other_contacts():
     """Torques give the planned forces on contacts of any stiffness."""
     bare, plan = (planned(1e-3, reserve) for reserve in (pg.Reserve(), RESERVE))
     assert plan.forces.normal_forces == pytest.approx(bare.forces.normal_forces, rel=0.01)
+
+
+@pytest.mark.slow
+def test_drives_that_are_weaker_or_stronger(bare, tmp_path):
+    """What comes in the simulation is what the plan reckons with, whichever drives are off, and it is held."""
+    plan = planned(10.0, pg.Reserve(drive=0.3))
+    assert plan.status is Status.OK and plan.forces.certificate.relative_gap <= 1e-6
+    assert 1.05 < plan.forces.normal_forces.sum() / bare.forces.normal_forces.sum() < 1 / 0.7
+    assert "drives 30 % weaker or stronger" in str(dict(list_results(plan.with_margins())))
+    assert load_run(save_run(plan, tmp_path / "run")).reserve.drive == 0.3
+    told = find_scenarios(plan.hand, plan.solution, plan.motion.q[-1], pg.Reserve(drive=0.3))
+    forces = plan.forces.forces_c
+    reckoned = [one.normal @ forces[:, 2] + one.tangential @ forces[:, :2].ravel() + one.offset for one in told[:2]]
+    assert all(least_margin(plan, one) > 0.98 for one in reckoned)
+    servo = Servo.of(plan.hand, 10.0)
+    own = np.random.default_rng(secrets.randbelow(2**32)).uniform(0.7, 1.3, plan.hand.n)
+    for gain, expected in ((0.7, reckoned[0]), (1.3, reckoned[1]), (own, None)):
+        seen = pg.simulate(plan, servo=servo, support="fixed", disturbance=Disturbance(drive_gain=gain))
+        assert seen.verdict.held
+        if expected is not None:
+            order = [seen.parts.index(name) for name in plan.contacts.names]
+            assert seen.normal_forces[-1][order] == pytest.approx(expected, rel=0.1, abs=0.05 * expected.max())
 
 
 @pytest.mark.slow

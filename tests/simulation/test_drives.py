@@ -151,6 +151,11 @@ def test_gain_errors_of_torque_control_are_those_of_the_torques(linear):
     servo = replace(servo, damping=servo.damping / 10)
     seen = simulate(linear, servo=servo, disturbance=Disturbance(servo_gain=1.3), **FIXED)
     assert seen.normal_forces[-1] / linear.normal_forces == pytest.approx(np.full(3, 1.3), rel=1e-4)
+    same = simulate(linear, servo=servo, disturbance=Disturbance(drive_gain=np.full(linear.hand.n, 1.3)), **FIXED)
+    np.testing.assert_allclose(same.normal_forces[-1], seen.normal_forces[-1], rtol=1e-3)
+    for wrong in (0.0, -1.0, [1.0, 0.0], np.nan):
+        with pytest.raises(InvalidInput, match="drive gain"):
+            Disturbance(drive_gain=wrong)
 
 
 # -- joints ------------------------------------------------------------------------------------------------------------
@@ -473,7 +478,7 @@ def test_causes_are_in_records_reports_and_on_the_command_line(command, plan, tm
     assert json.loads((folder / "check" / "check.json").read_text())["what_holds"]["changes"]["without mu"]
     code, out, _ = command("check", str(folder), "--hold", "0.3", "--mu", "0.2")
     assert code == 3 and "each change alone" not in out
-    assert "## Why" in told and "## What helps" in told and "slipped from" in told
+    assert "**Why lost?**" in told and "**What helps?**" in told and "slipped from" in told
     kept = read_check(folder / "check")
     assert kept.verdict.causes and kept.verdict.remedies and kept.servo["control"] == "impedance"
     assert command("report", str(folder))[0] == 0

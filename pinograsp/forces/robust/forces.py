@@ -27,8 +27,8 @@ _SAME = 1e-12  # share of the largest load by which loads that are the same may 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StiffnessScenario:
-    """Normal forces that come of a squeeze on contacts which are softer or stiffer than assumed, to first order.
+class SqueezeScenario:
+    """Normal forces that come of a squeeze on other contacts, or from other drives, than assumed, to first order.
 
     F = ``normal`` @ F_n + ``tangential`` @ t + ``offset``, of what was planned under the problem's own load.
 

@@ -26,16 +26,18 @@ import numpy as np
 from pinograsp.checks import array_of, instance_of, one_of
 from pinograsp.contacts import Friction
 from pinograsp.contacts.compliance import MEASURES
-from pinograsp.errors import InvalidInput
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces.certificate import TOLERANCE
 from pinograsp.forces.matrices import elastic_reaction, matrices_of
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.robust.forces import Reaction, RobustForces, StiffnessScenario
+from pinograsp.forces.robust.forces import Reaction, RobustForces, SqueezeScenario
 from pinograsp.forces.robust.load_set import LoadSet
 from pinograsp.forces.robust.program import ReactedLoads, RobustProgram
-from pinograsp.forces.solve.program import Objective, assemble, energy_terms_at, weights_of
+from pinograsp.forces.solve.program import Objective, Program, assemble, energy_terms_at, weights_of
 from pinograsp.spatial import Array
 
 _EDGES_FOR_BALLS = 16
+_MOST_ADDED, _ADDED = 12, 64  # rounds in which loads of scenarios are added, and how many at once
 _FRICTION_ONLY = (*MEASURES, "peak")  # objectives that depend on the common F_n alone
 
 
@@ -104,12 +106,12 @@ class Restrictions(NamedTuple):
     Attributes:
         bounds: least and largest F_n (k,), (k,) [N]; None: the problem's at t_I.
         fixed: rows (p, k) and values (p,) [N] of equations on F_n, at the problem's load; None: none.
-        scenarios: of other contact stiffness, on which all loads are held, too; not with a ball.
+        scenarios: of other contact stiffness or other drives, in which all loads are held, too; not with a ball.
     """
 
     bounds: tuple[Array, Array] | None = None
     fixed: tuple[Array, Array] | None = None
-    scenarios: Sequence[StiffnessScenario] = ()
+    scenarios: Sequence[SqueezeScenario] = ()
 
 
 def robust_at(
@@ -160,14 +162,45 @@ def robust_at(
         own=own,
     )
     if scenarios:
-        reacted = _on_other_contacts(problem, reacted, scenarios)
+        reacted = _in_scenarios(problem, reacted, scenarios)
+        return _solve_by_rows(problem, program, reacted, load_set, impact_time)
     return RobustProgram(problem, program, reacted, load_set, impact_time).solve(proven)
 
 
-def _on_other_contacts(
-    problem: ForceProblem, reacted: ReactedLoads, scenarios: Sequence[StiffnessScenario]
-) -> ReactedLoads:
-    """The loads, and once more for each scenario of contact stiffness."""
+def _solve_by_rows(
+    problem: ForceProblem, program: Program, reacted: ReactedLoads, load_set: LoadSet, impact_time: float
+) -> RobustForces:
+    """The program of many scenarios from those of their loads that matter: what others lack is looked at, and added.
+
+    The bound of some loads is one of all of them.
+    """
+    whole = RobustProgram(problem, program, reacted, load_set, impact_time)
+    count = whole.first
+    taken = np.arange(whole.s) < count
+    for _ in range(_MOST_ADDED):
+        part = RobustProgram(problem, program, reacted.select(taken), load_set, impact_time)
+        found = part.solve(False)
+        if found.status is not Status.OK or part.found is None or taken.all():
+            return found
+        F, u = part.found
+        # Those of the same load, as it is planned and in the scenarios that were solved.
+        near = np.tile(u[:count], (whole.s // count, 1, 1))
+        solved = np.array(near)
+        solved[taken] = u
+        by_load = solved.reshape(-1, count, *u.shape[1:])
+        scenarios = taken.reshape(-1, count).any(axis=1)
+        tried = [near, *(np.tile(one, (len(by_load), 1, 1)) for one in by_load[scenarios])]
+        unmet = np.where(taken, 0.0, whole.find_unmet(F, tried))
+        lacking = unmet > TOLERANCE.violation
+        if not lacking.any():
+            return found
+        worst = np.sort(unmet[lacking])[::-1][: max(_ADDED, count)]
+        taken = taken | (lacking & (unmet >= worst[-1]))
+    return whole.solve(False)
+
+
+def _in_scenarios(problem: ForceProblem, reacted: ReactedLoads, scenarios: Sequence[SqueezeScenario]) -> ReactedLoads:
+    """The loads, and once more for each scenario."""
     k, width = problem.k, problem.friction.scale(problem.mu)
     count, e = len(reacted.loads), width.shape[1]
     common, across = [np.broadcast_to(np.eye(k), (count, k, k))], [np.zeros((count, k, k * e))]

@@ -20,7 +20,7 @@ from pinograsp.forces.robust.forces import Reaction, RobustForces
 from pinograsp.forces.robust.load_set import LoadSet
 from pinograsp.forces.solve.conic import Cone, Triplets, cone_rows, solve, sparse
 from pinograsp.forces.solve.program import Program, feasibility
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, BoolArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,6 +46,11 @@ class ReactedLoads:
     own: int | None = None
     shares: tuple[Array, Array] | None = None
     first: int | None = None
+
+    def select(self, which: BoolArray) -> ReactedLoads:
+        """Those of the loads (s,), among them all on contacts as stiff as planned."""
+        shares = None if self.shares is None else (self.shares[0][which], self.shares[1][which])
+        return replace(self, loads=self.loads[which], changes=self.changes[which], shares=shares)
 
 
 class RobustProgram:
@@ -73,6 +78,7 @@ class RobustProgram:
             reach = reach + np.maximum(np.abs(program.R_lo), np.abs(program.R_hi))[equations]
             self.R_lo[others], self.R_hi[others] = -reach, reach
         self.curved = [(c, p) for c, p in program.powers if p != 1]
+        self.found: tuple[Array, Array] | None = None  # F_n (k,) and u (s, k, d - 1) of the last record with forces
         self.extra = self.L + (self.per_load * self.rows if self.radius else 0)
         self.peak = self.extra + self.k * len(self.curved)
         self.size = self.peak + (program.peak > 0)
@@ -171,6 +177,7 @@ class RobustProgram:
             rows.add((np.eye(k), 0), (-np.ones((k, 1)), self.peak))
             b.append(np.zeros(k))
         inequalities = rows.height - self.equalities
+        self.cones_at, self.slipping = rows.height, (facets, second)
         rows.of_every_load(second, s, self.shares)
         b.append(-self.react_to(second).ravel())
         sizes = sizes * s
@@ -217,9 +224,9 @@ class RobustProgram:
         common, across = self.shares
         return np.asarray(common @ F + across @ u.ravel() + self.changes)
 
-    def multipliers(self, dual: Array) -> tuple[Array, Array, Array, Array]:
-        """Multipliers of balance (s, rows), torque (s, m), equations (p,) and caps (s, k) of a solution without a
-        ball.
+    def multipliers(self, dual: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Multipliers of balance (s, rows), torque (s, m), equations (p,), caps (s, k) and friction (s, k) of a
+        solution without a ball; the last as far as they count on the normal forces.
         """
         m = len(self.program.R)
         y = dual[: self.s * self.rows].reshape(self.s, self.rows)
@@ -230,12 +237,18 @@ class RobustProgram:
         caps = np.zeros((self.s, self.k))
         if self.caps_end > self.caps_at:
             caps = np.maximum(dual[self.caps_at : self.caps_end], 0.0).reshape(self.s, self.k)
-        return y, torque[:, :m] - torque[:, m:], dual[self.fixed_at : self.equalities], caps
+        facets, second = (rows.reshape(len(rows), self.k, self.program.d)[:, :, -1] for rows in self.slipping)
+        across = dual[self.cones_at : self.cones_at + self.s * len(second)].reshape(self.s, len(second))
+        friction = -per_load[:, : self.facets] @ facets - across @ second
+        return y, torque[:, :m] - torque[:, m:], dual[self.fixed_at : self.equalities], caps, friction
 
-    def sum_slopes(self, y: Array, w: Array, v: Array, caps: Array | None = None) -> tuple[Array, float]:
+    def sum_slopes(
+        self, y: Array, w: Array, v: Array, caps: Array | None = None, friction: Array | None = None
+    ) -> tuple[Array, float]:
         """The sum over all loads of their duals' slopes in F_n (k,), which is common to them, and of the constants.
 
-        Where contacts are softer or stiffer than planned, a load's slope is one in F_n and in the first load's u.
+        In scenarios a load's slope is one in F_n and in the first load's u, and what friction counts on a normal force
+        beyond its own share says that this does not pull.
         """
         p, most = self.program, self.problem.max_normal_force
         c = (y @ p.A + w @ p.R).reshape(self.s, self.k, p.d)
@@ -245,6 +258,8 @@ class RobustProgram:
             limited = float(caps.sum(axis=0) @ most) / p.force_scale
         slopes: Array = along - p.friction.support(across)
         if self.shares is not None:
+            if friction is not None:
+                slopes[1:] -= np.maximum(friction - p.friction.support(across), 0.0)[1:]
             first = across[0] + np.einsum("sk,ska->a", slopes[1:], self.shares[1][1:]).reshape(self.k, self.e)
             slopes[0] = along[0] - p.friction.support(first)
         at_limits = float(np.maximum(w * self.R_hi, w * self.R_lo).sum())
@@ -273,6 +288,7 @@ class RobustProgram:
             x = np.concatenate([u, self.normal(F, u[0])[:, :, None]], axis=2)
             if self.radius:
                 response = z[self.L : self.extra].reshape(self.k, self.e, self.rows)
+            self.found = F, u
             certificate = self.certificate(F, x.reshape(self.s, -1), bound, response)
             if not certificate.is_optimal():
                 status = Status.INACCURATE
@@ -316,6 +332,34 @@ class RobustProgram:
             residual = settled.reshape(self.s, -1) @ tangential.T + normal @ columns[:, :, -1].T - self.targets
             settled = settled - (residual @ inverse).reshape(u.shape)
         return settled
+
+    def find_unmet(self, F: Array, tried: Sequence[Array]) -> Array:
+        """By how much the loads are not met (s,), relative to the largest force, by the best of some tangential forces,
+        each (s, k, d - 1) and mended to balance: what is not above the tolerance is proven to be held.
+        """
+        p, normal = self.program, self.normal(F, tried[0][0])
+        columns = p.A.reshape(self.rows, self.k, -1)
+        across = columns[:, :, :-1].reshape(self.rows, -1)
+        wanted = self.targets - normal @ columns[:, :, -1].T
+        # The more a contact presses, the more of what is missing it takes.
+        weights = np.repeat(np.maximum(normal, 1e-9 * F.max()), self.e, axis=1)
+        spread = weights[:, :, None] * across.T
+        inverse = spread @ np.linalg.pinv(across @ spread, rcond=1e-10, hermitian=True)
+        least, size = np.full(self.s, np.inf), max(1.0, float(F.max()))
+        caps = self.problem.max_normal_force
+        over = np.zeros(self.s) if caps is None else (normal - caps / p.force_scale).max(axis=1)
+        over[: self.first] = 0.0
+        for u in tried:
+            flat = u.reshape(self.s, -1)
+            for _ in range(2):
+                flat = flat + np.einsum("sar,sr->sa", inverse, wanted - flat @ across.T)
+            mended = flat.reshape(u.shape)
+            left = np.abs(wanted - flat @ across.T).max(axis=1)
+            torque = np.concatenate([mended, normal[:, :, None]], axis=2).reshape(self.s, -1) @ p.R.T
+            beyond = np.maximum(torque - self.R_hi, self.R_lo - torque).max(axis=1, initial=0.0)
+            slipping = (p.friction.gauge(mended) - normal).max(axis=1)
+            least = np.minimum(least, np.max([left, beyond, slipping, over], axis=0))
+        return least / size
 
     def certificate(self, F: Array, x: Array, bound: float, response: Array | None) -> Certificate:
         """The certificate for all loads, F (k,) and x (s, k d); ``response`` to the ball where there is one."""

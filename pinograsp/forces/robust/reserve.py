@@ -36,6 +36,8 @@ class Reserve:
         softer: the contacts may be softer than assumed by this factor, and all of the above is borne there, too [-]; 1:
             as assumed. What a squeeze becomes there depends on the stiffness of the hand's servos.
         stiffer: or stiffer by this factor [-].
+        drive: share by which the drives' efforts may be off what they are told, all of them together or each alone, and
+            all of the above is borne there, too [-]; what a squeeze becomes depends on the servos there as well.
         tasks: what is done with the object: loads that are borne, too, each without the disturbance.
     """
 
@@ -47,6 +49,7 @@ class Reserve:
     torque: float = 0.1
     softer: float = 1.0
     stiffer: float = 1.0
+    drive: float = 0.0
     tasks: tuple[Task, ...] = ()
 
     __repr__ = brief()
@@ -64,6 +67,7 @@ class Reserve:
         put("torque", share_of("reserve: torque", self.torque))
         put("softer", number("reserve: softer", self.softer, at_least=1, at_most=_FARTHEST_OFF))
         put("stiffer", number("reserve: stiffer", self.stiffer, at_least=1, at_most=_FARTHEST_OFF))
+        put("drive", share_of("reserve: drive", self.drive))
         object.__setattr__(self, "tasks", items_of("reserve: tasks", self.tasks, Task))
 
     @classmethod
@@ -75,6 +79,11 @@ class Reserve:
     def stiffness_factors(self) -> tuple[float, ...]:
         """Real over assumed stiffness of the contacts at both ends of what is borne, without 1 [-]."""
         return tuple(factor for factor in (1.0 / self.softer, self.stiffer) if factor != 1)
+
+    @property
+    def has_scenarios(self) -> bool:
+        """Whether the squeeze is to withstand all of it on other contacts, or from other drives, as well."""
+        return bool(self.stiffness_factors) or self.drive > 0
 
     def arm(self, body: Body) -> float:
         """The arm of the moments for a body [m]."""

@@ -13,7 +13,7 @@ from pinograsp.checks import array_of, instance_of
 from pinograsp.contacts import Compliance
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces.problem import ForceProblem
-from pinograsp.forces.robust.forces import RobustForces, StiffnessScenario
+from pinograsp.forces.robust.forces import RobustForces, SqueezeScenario
 from pinograsp.forces.robust.optimum import Restrictions, optimize_robust, robust_at, robust_weights
 from pinograsp.forces.robust.reserve import Reserve, held_body
 from pinograsp.forces.solution import ConvexSolution
@@ -175,13 +175,12 @@ def producible_reserve(
     rows: ArrayLike,
     *,
     objective: Objective | None = None,
-    scenarios: Callable[[ConvexSolution], Sequence[StiffnessScenario]] | None = None,
+    scenarios: Callable[[ConvexSolution], Sequence[SqueezeScenario]] | None = None,
 ) -> RobustForces:
     """The least-cost squeeze with depths that the hand can press to, at or near the impact time of ``squeeze``.
 
     ``rows`` times the depths are zero. As F_n = K delta^rho is not linear, these equations are linearised, at even
-    forces first and then at the forces found, until these keep to them. So is what the squeeze becomes on contacts of
-    another stiffness.
+    forces first and then at the forces found, until these keep to them. So is what the squeeze becomes in scenarios.
 
     Args:
         problem: of holding an object, without the reserve.
@@ -189,8 +188,8 @@ def producible_reserve(
         squeeze: :func:`search_reserve`'s, with any depths.
         rows: combinations (p, k) of the depths that the hand cannot change [-].
         objective: as for :func:`~pinograsp.forces.optimize_robust`.
-        scenarios: what the forces under the problem's load become on contacts of another stiffness, to first order
-            about them; None: contacts are as stiff as assumed.
+        scenarios: what the forces under the problem's load become on contacts of another stiffness, or from drives
+            that make other efforts, to first order about them; None: all is as assumed.
 
     Returns:
         The squeeze; ``INACCURATE``: none was found.
