@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import trimesh
 from results import header, table, write_rows
 
@@ -121,6 +122,14 @@ def is_as_wished(grasp: FoundGrasp, body: pg.Mesh, request: Request) -> bool:
         return ((where >= lower - 1e-6) & (where <= upper + 1e-6)).all(axis=1)
 
     looks = grasp.look_o / np.linalg.norm(grasp.look_o)
+
+    def before(along: np.ndarray) -> bool:
+        """Whether the fingers start before the object, seen along a direction."""
+        hand, data = grasp.closure.hand, grasp.closure.hand.model.createData()
+        pin.forwardKinematics(hand.model, data, np.array(grasp.closure.q))
+        starts = np.mean([data.oMi[finger.joint_ids[0]].translation for finger in hand.fingers], axis=0)
+        return bool(starts @ along <= ((body.vertices @ turn.T + at) @ along).min() + 1e-3)
+
     checks: list[Callable[[], bool]] = []
     if wishes.fingers is not None:
         checks.append(lambda: fingers <= set(wishes.fingers or ()))
@@ -134,9 +143,9 @@ def is_as_wished(grasp: FoundGrasp, body: pg.Mesh, request: Request) -> bool:
     checks += [lambda part=part: not _deep(body, part, points()) for part in wishes.forbidden]
     if isinstance(wishes.approach, Approach):
         along = wishes.approach.direction
-        checks.append(lambda: bool(looks @ along >= np.cos(wishes.approach.cone) - 1e-6))
+        checks.append(lambda: bool(looks @ along >= np.cos(wishes.approach.cone) - 1e-6) and before(along))
     elif wishes.approach == "above":
-        checks.append(lambda: bool(-looks[2] >= np.cos(np.radians(40)) - 1e-6))
+        checks.append(lambda: bool(-looks[2] >= np.cos(np.radians(40)) - 1e-6) and before(np.array([0, 0, -1.0])))
     elif wishes.approach == "side":
         checks.append(lambda: bool(abs(looks[2]) <= np.sin(np.radians(40)) + 1e-6))
     if not wishes.edges:

@@ -330,7 +330,7 @@ def _print_comparison(plan: GraspPlan) -> None:
 
 def print_plan(plan: GraspPlan, folder: Path, session: Session, *, published: bool = False) -> None:
     """Print a plan: what was planned, and at the end the answer; ``published``: with the paper's figures."""
-    from pinograsp.plan.answer import describe_robustness, does_it_hold, friction_used, shares
+    from pinograsp.plan.answer import describe_robustness, describe_trial, does_it_hold, friction_used, shares
     from pinograsp.report import list_details, summarize
 
     remarks = [("caution", text) for text in plan.cautions]
@@ -367,7 +367,7 @@ def print_plan(plan: GraspPlan, folder: Path, session: Session, *, published: bo
         ("Results", f"{folder / 'report.html'}, beside it report.md, plan.json, plan.npz, figures"),
     ]
     then = [
-        (command("check", folder), "try it in simulation"),
+        (command("check", folder), "try it otherwise" if describe_trial(plan) else "try it in simulation"),
         (command("view", folder), f"look at it in a browser{needs('viz', 'viser')}"),
     ]
     if published:
@@ -379,8 +379,9 @@ def _presses(plan: GraspPlan) -> str:
     """The normal force of each contact, or of each finger's contacts together where there are many."""
     forces: dict[str, list[float]] = {}
     names, links = plan.contacts.names, plan.contacts.links or ("",) * len(plan.contacts.names)
+    many = len(names) > _SOME or len(set(links)) < len(links)  # corners of one area
     for name, link, force in zip(names, links, plan.forces.normal_forces.tolist()):
-        finger = name.partition(f"/{link}")[0] if link and len(names) > _SOME else name
+        finger = name.partition(f"/{link}")[0] if link and many else name
         forces.setdefault(finger, []).append(force)
     told = []
     for finger, each in forces.items():

@@ -36,7 +36,8 @@ class JointTarget:
         joint: its name.
         position: where the plan holds [rad or m].
         closed: end of its travel in the closing direction [rad or m]; ``position`` where it has none.
-        effort: largest size of its own effort [N m or N], without that of the joints that follow it.
+        effort: largest size of its own effort [N m or N]: where jaws slide together, without that of the others; where
+            a linkage or gears turn others, the whole torque at the joint that is driven, and 0 at those.
         follows: whether it follows another joint.
     """
 
@@ -159,9 +160,11 @@ def _targets(hand: HandModel, drive: Drive, effort: float, q: Array) -> tuple[Jo
     targets = []
     for joint, arm in zip(drive.joints, drive.arms):
         followers = {name: one for name, one in hand.couplings.items() if one.followed == joint}
-        # Joints that move together share the torque at the one that they follow as equal jaws do.
-        torque = effort * arm / (1.0 + sum(one.factor**2 for one in followers.values()))
+        # Jaws that slide together share the force, each presses with its own; where a linkage or gears turn others, the
+        # joint that is driven has all of the torque, and nothing drives those.
         j = hand.joint_names.index(joint)
+        sliding = all(hand.is_prismatic(hand.model.getJointId(name)) for name in (joint, *followers))
+        torque = effort * arm / (1.0 + (sum(one.factor**2 for one in followers.values()) if sliding else 0.0))
         end = float((hand.upper if torque > 0 else hand.lower)[j])
         position = float(q[j])
         closed = end if math.isfinite(end) else position
@@ -171,7 +174,7 @@ def _targets(hand: HandModel, drive: Drive, effort: float, q: Array) -> tuple[Jo
                 joint=name,
                 position=one.factor * position + one.offset,
                 closed=one.factor * closed + one.offset,
-                effort=abs(one.factor * torque),
+                effort=abs(one.factor * torque) if sliding else 0.0,
                 follows=True,
             )
             for name, one in followers.items()
@@ -221,8 +224,8 @@ def gripper_message(
 
     Its ``command``, a ``sensor_msgs/JointState``, has for each joint the position [m or rad] at the end of its travel
     in the closing direction, so that the gripper presses until it reaches ``effort`` [N or N m]: the joint's own,
-    which is the force of one jaw where jaws slide. A gripper that stops at the planned position would press with
-    little. ``velocity`` is empty, which sets no limit. Send it with
+    which is the force of one jaw where jaws slide, and the whole torque of the motor where it turns others. A gripper
+    that stops at the planned position would press with little. ``velocity`` is empty, which sets no limit. Send it with
     ``ros2 action send_goal NAME control_msgs/action/ParallelGripperCommand "$(cat FILE)"``.
 
     Args:

@@ -40,6 +40,7 @@ ANSWERS: dict[str, str] = {
 
 _GRAVITY = 9.80665  # [m/s^2]: one g
 _LOAD = "the contact forces hold the load"
+_NOT_SIMULATED = "Not simulated yet."
 SIMULATED = "simulated ("  # how notes and cautions begin that tell of a simulation
 
 
@@ -70,7 +71,7 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
             lost = f": lost in simulation under disturbances; {reason}."
             return _answer("caution", "Not with what it was tried with", lost)
         return _answer("no", "No", f". Lost in simulation: {reason}.")
-    tried = f" {_describe_trial(plan)}" if simulation is None else " Held in simulation."
+    tried = f" {describe_trial(plan) or _NOT_SIMULATED}" if simulation is None else " Held in simulation."
     if status is not Status.OK:
         level: Level = "no" if status.answer == "The plan is not complete" and simulation is None else "caution"
         return _answer(level, status.answer, _without_success(plan, status, "" if level == "no" else tried))
@@ -107,10 +108,10 @@ def no_grasp(status: Status) -> Answer:
     return _answer("no", status.answer, f" ({status}).")
 
 
-def _describe_trial(plan: PlanRecord) -> str:
-    """What was simulated as the plan was chosen."""
+def describe_trial(plan: PlanRecord) -> str:
+    """What was simulated as the plan was chosen; empty: nothing."""
     told = [one for one in (*plan.cautions, *plan.notes) if one.startswith(SIMULATED)]
-    return f"{told[0][0].upper()}{told[0][1:]}." if told else "Not simulated yet."
+    return f"{told[0][0].upper()}{told[0][1:]}." if told else ""
 
 
 def where_the_hand_is(plan: PlanRecord) -> str:

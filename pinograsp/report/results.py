@@ -11,6 +11,7 @@ from pinograsp.plan import ComparisonRow, PlanRecord, Simulation
 from pinograsp.plan.answer import (
     describe_load_factor,
     describe_robustness,
+    describe_trial,
     does_it_hold,
     friction_model,
     friction_used,
@@ -54,7 +55,7 @@ def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> 
         Finding("Which margin?", _sentence(margin)),
     ]
     if simulation is None:
-        answers.append(Finding("Simulated?", "Not yet: run pinograsp check."))
+        answers.append(Finding("Simulated?", describe_trial(plan) or "Not yet: run pinograsp check."))
     else:
         off = f"normal forces at most {100 * simulation.verdict.force_error:.1f} % off the plan"
         answers += answer_simulated(simulation, off)

@@ -86,6 +86,7 @@ def make_search_case(
     """Preshapes of the hand and pairs of the object, which all samples draw from."""
     check = WishCheck(wishes, hand, body, conditions.gravity_o)
     prepared = _prepare_hand(hand, check.fingers)
+    found = find_pairs(body, rng, check.within, [region for _, region in check.touching])
     return SearchCase(
         hand=hand,
         rough=prepared.rough,
@@ -94,7 +95,7 @@ def make_search_case(
         impact_time=impact_time,
         wrap=wrap,
         preshapes=prepared.preshapes,
-        pairs=check.choose(find_pairs(body, rng, check.within, [region for _, region in check.touching]), body),
+        pairs=check.choose(found, body, max((one.depth for one in prepared.preshapes), default=0.0)),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
         scene=scene_of(prepared.rough, body),
         collisions=prepared.collisions,
@@ -349,6 +350,10 @@ def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | None:
             frame = frames[case.wish_check.draw_turn(frames, rng)]
         deep = rng.uniform(0, 1) * shape.depth if rng.random() < _DEEP else 0.0
         turn = frame @ _across_of(shape).T
+        deepest = case.wish_check.limit_depth(pairs.middles_o[i], turn @ shape.out_h, shape.depth)
+        if deepest < 0:
+            continue
+        deep = min(deep, deepest)
         # The hand's centre between its fingertips, moved towards the palm, goes to the middle of the pair.
         at = pairs.middles_o[i] - turn @ (shape.centre_h - deep * shape.out_h)
         out = turn @ shape.out_h

@@ -245,7 +245,9 @@ def find_grasps(
                 if lacking and (wishes.names or _tasks(conditions))
                 else ()
             )
-            near = run.near(rounds[0], interrupt) if lacking and not unmet else ()
+            # Where some are as wished, loads, limits or friction may be in the way as well.
+            forceless = any(what.startswith("forces infeasible") for what in run.outcomes)
+            near = run.near(rounds[0], interrupt) if lacking and (forceless or not unmet) else ()
         except KeyboardInterrupt:
             run.interrupted, near, unmet = True, (), ()
         except BrokenProcessPool:
@@ -309,7 +311,8 @@ def _say_unmet(case: SearchCase, names: tuple[str, ...], found: list[FoundGrasp]
     size = alone.describe_parts() if {"within", "touching"} & set(names) else ""
     if not nearest:
         nearest = "does all else" if "tasks" in names else "is as wished: more samples, or another seed, may find it"
-    count = f"{_count(len(found), 'grasp')} withstand{'s' * (len(found) == 1)} the reserve"
+    held = "hold the object" if case.conditions.reserve is None else "withstand the reserve"
+    count = f"{_count(len(found), 'grasp')} {held if len(found) > 1 else held.replace(' ', 's ', 1)}"
     return f"{lead} in the way: without, {count}, and the nearest {nearest}{size}"
 
 

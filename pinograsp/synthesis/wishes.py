@@ -8,11 +8,13 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, flag, instance_of, integer, items_of, number, one_of, read_only
 from pinograsp.contacts import PALM, Closure
 from pinograsp.contacts.edges import on_edges, turns_nearby
+from pinograsp.contacts.support_plane import SupportPlane
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body, check_box
@@ -27,6 +29,7 @@ _CONE = np.radians(40.0)  # of approaches that are named by a word
 _OFF_EDGES = 6e-3  # [m] of surfaces that are drawn where no contact may lie on an edge: fingertips are not points
 _SAME_FINGER = {"pinky": "little", "little": "pinky", "forefinger": "index"}
 FINGERS = 3  # that are to take part, where a hand has so many and enough grasps of so many hold
+_BESIDE = 1e-3  # [m] that fingers may start along an object, for a hand that comes from one side
 _SLIT = 1e-3  # [m] of openings that are not told
 _NO_FINGER = "no finger of this hand"
 
@@ -34,6 +37,8 @@ _NO_FINGER = "no finger of this hand"
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Approach:
     """From which side the hand comes: the direction from where its fingers start to what is between their tips.
+
+    And its fingers start before the object, as seen along the direction: a palm beside a mug does not come from above.
 
     Attributes:
         direction: that the hand looks in (3,), of any length; (0, 0, -1) in the world comes from above.
@@ -184,6 +189,9 @@ class WishCheck:
         self.touching = [(_name_part(part), _region(part, body)) for part in wishes.touching]
         self.forbidden = [(_name_part(part), _region(part, body)) for part in wishes.forbidden]
         self.look_o, self.least, self.most = _cone(wishes.approach, body, gravity_o)
+        # Where the object begins along one direction; the sides have none.
+        one = self.look_o is not None and self.least == 0
+        self.begins = SupportPlane.under(body, -self.look_o).height if one and self.look_o is not None else None
         self.of_parts = self.within is not None or bool(self.forbidden)
         self.wanted_fingers = wishes.least_fingers or min(FINGERS, available)
         if self.fingers is not None and wishes.least_fingers is None:
@@ -191,8 +199,8 @@ class WishCheck:
 
     # -- in the seeds
 
-    def choose(self, pairs: Pairs, body: Body) -> Pairs:
-        """The pairs of surfaces that may be held so; all of them where none may."""
+    def choose(self, pairs: Pairs, body: Body, reach: float) -> Pairs:
+        """The pairs of surfaces that may be held so by fingers of a ``reach`` [m]; all of them where none may."""
         ends = pairs.ends_o
         fits = np.ones(len(pairs.widths), dtype=bool)
         for _, region in self.forbidden:
@@ -202,6 +210,8 @@ class WishCheck:
         if self.look_o is not None:  # the hand looks across the line between its fingertips
             along = np.clip(np.abs(pairs.axes_o @ self.look_o), 0.0, 1.0)
             fits &= (np.arcsin(along) <= self.most) & (np.pi - np.arcsin(along) >= self.least)
+            if self.begins is not None:
+                fits &= pairs.middles_o @ self.look_o - reach <= self.begins
         pairs = pairs.select(fits) if fits.any() else pairs
         if not self.wishes.edges and len(pairs.widths):
             inward = (pairs.axes_o, -pairs.axes_o)
@@ -214,6 +224,15 @@ class WishCheck:
         """Which of the frames (m, 3, 3), whose third columns a hand may look along, is taken."""
         off = self._measure_approach(frames[:, :, 2])
         return int(rng.choice(np.flatnonzero(off <= off.min() + 1e-9)))
+
+    def limit_depth(self, middle_o: Array, out_o: Array, depth: float) -> float:
+        """How far towards its palm a hand that looks along ``out_o`` may have what is in the middle of its fingertips
+        [m], which are ``depth`` from where its fingers start; below 0: not even at their tips.
+        """
+        if self.begins is None or self.look_o is None:
+            return np.inf
+        along = max(float(out_o @ self.look_o), 1e-3)
+        return depth - (float(middle_o @ self.look_o) - self.begins) / along
 
     def _measure_approach(self, looks_o: Array) -> Array:
         """By how much directions (m, 3) that a hand looks along are off the wished approach (m,) [rad]."""
@@ -256,6 +275,13 @@ class WishCheck:
         if off > 1e-6:
             description = f"comes from {np.degrees(off):.0f} deg beyond what was asked for"
             yield Miss(wish="approach", by=off / np.pi, description=description)
+        elif self.begins is not None and self.look_o is not None:
+            start = _find_start(closure.hand, closure.q)
+            start = start if back is None else _move_back(start[None], back)[0]
+            beside = float(start @ self.look_o) - self.begins
+            if beside > _BESIDE:
+                description = f"has its palm beside the object: its fingers start {1e3 * beside:.3g} mm along it"
+                yield Miss(wish="approach", by=beside / self.radius, description=description)
         if touching and not self.wishes.edges and (sharp := on_edges(closure.object, closure.contacts())).any():
             description = f"has {sharp.sum()} of {len(sharp)} contacts on edges"
             yield Miss(wish="edges", by=float(sharp.mean()), description=description)
@@ -321,6 +347,13 @@ def find_fingers(hand: HandModel, names: Sequence[str]) -> tuple[str, ...]:
             f"fingers: {_list(found)} cannot close alone: the same motor moves {_list(together)}: name these, too"
         )
     return tuple(dict.fromkeys(found))
+
+
+def _find_start(hand: HandModel, q: Array) -> Array:
+    """Where the fingers' chains part (3,), the mean of their first joints, in the world [m]."""
+    data = hand.model.createData()
+    pin.forwardKinematics(hand.model, data, np.array(q))
+    return np.asarray(np.mean([data.oMi[finger.joint_ids[0]].translation for finger in hand.fingers], axis=0))
 
 
 def _cone(approach: Side | Approach | None, body: Body, gravity_o: ArrayLike) -> tuple[Array | None, float, float]:

@@ -234,6 +234,20 @@ def test_gripper_goal_has_the_fields_and_units_of_ros2(panda, tmp_path):
     assert sum(both["effort"]) == pytest.approx(abs(panda.motion.holding_torques[0]))
 
 
+@pytest.mark.slow
+def test_a_linkage_is_driven_by_all_of_its_torque():
+    """The joint that a controller commands has the plan's whole torque, whatever turns with it: work is conserved."""
+    hand, ball = pg.load_hand("talos_right"), pg.Sphere(radius=0.03, mass=0.1)
+    conditions = pg.GraspConditions(mu=0.8)
+    plan = pg.plan_best(pg.find_grasps(hand, ball, conditions, count=16, seed=3, progress=False), conditions)
+    (jaw,) = jaw_commands(plan)
+    driven, *turned = jaw.joints
+    assert driven.effort == pytest.approx(abs(plan.motion.holding_torques[0])) and len(turned) == 6
+    assert [one.effort for one in turned] == [0.0] * 6
+    command = plan.to_ros2(command="jaw")["command"]
+    assert command["name"] == [driven.joint] and command["effort"] == [driven.effort]
+
+
 def test_jaws_as_a_table(panda, tmp_path):
     panda.to_csv(tmp_path / "jaws.csv", command="jaw")
     with open(tmp_path / "jaws.csv", newline="") as file:

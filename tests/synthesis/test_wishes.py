@@ -55,6 +55,18 @@ def inside(box, points, by=0.0):
     return ((points >= lower + by) & (points <= upper - by)).all(axis=1)
 
 
+def starts_above(found):
+    """Whether the fingers' first joints are above the object, so that no palm is beside it."""
+    hand, body = found.closure.hand, found.closure.object
+    data = hand.model.createData()
+    pin.forwardKinematics(hand.model, data, np.array(found.closure.q))
+    starts = np.mean([data.oMi[finger.joint_ids[0]].translation[2] for finger in hand.fingers])
+    around = np.linspace(0, 2 * np.pi, 100)
+    rim = np.column_stack([body.radius * np.cos(around), body.radius * np.sin(around), np.full(100, body.height / 2)])
+    ends = np.vstack([rim, rim * [1, 1, -1]]) @ body.pose[:3, :3].T + body.pose[:3, 3]
+    return starts >= ends[:, 2].max() - 2e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("wishes", "holds"),
@@ -64,7 +76,7 @@ def inside(box, points, by=0.0):
         (Wishes(within="lid"), lambda one: inside(REGIONS["lid"], points_of(one), -1e-9).all()),
         (Wishes(forbidden=("lid",)), lambda one: not inside(REGIONS["lid"], points_of(one), 1e-9).any()),
         (Wishes(touching=("lid",)), lambda one: inside(REGIONS["lid"], points_of(one, fingers_of(one)), -1e-9).any()),
-        (Wishes(approach="above"), lambda one: -one.look_o[2] >= np.cos(np.radians(40)) - 1e-9),
+        (Wishes(approach="above"), lambda one: -one.look_o[2] >= np.cos(np.radians(40)) - 1e-9 and starts_above(one)),
         (Wishes(approach="side"), lambda one: abs(one.look_o[2]) <= np.sin(np.radians(40)) + 1e-9),
         (
             Wishes(approach=Approach(direction=(0, 1, 0), cone=0.4, frame="object")),
