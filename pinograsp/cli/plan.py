@@ -76,8 +76,8 @@ class AloneOptions:
     )
     reserve: str | None = _pair(
         "What to withstand besides the weight: none, default, or some of disturbance, moment_arm, mass, friction, "
-        "normal_force, torque, softer, stiffer: disturbance=0.5,mass=0.2 (shares; moment_arm \\[m]; softer, stiffer: "
-        "factors on the contacts' stiffness).",
+        "normal_force, torque, softer, stiffer, drive: disturbance=0.5,mass=0.2 (shares; moment_arm \\[m]; softer, "
+        "stiffer: factors on the contacts' stiffness).",
         choices=completion.RESERVES,
     )
     tasks: list[str] | None = _pair(
