@@ -110,16 +110,18 @@ def tell_figures(plan: GraspPlan) -> list[tuple[str, str]]:
 
 
 def _tell_reserve(plan: GraspPlan) -> str:
-    """The largest push that a squeeze of the same contacts withstands beside the default reserve's other parts."""
+    """The largest disturbance that a squeeze of the same contacts withstands beside the default reserve's other parts:
+    a force in any direction, or as a moment about any axis, which is what contacts on one thin side lack.
+    """
     least, most, default = 0.0, Reserve().disturbance, Reserve()
     if search_reserve(plan.problem, default).status is Status.OK:
-        return f"a squeeze of these contacts withstands pushes of {100 * most:.0f} % of the weight"
+        return f"a squeeze of these contacts withstands pushes and moments of {100 * most:.0f} % of the weight"
     for _ in range(_HALVINGS):
         middle = (least + most) / 2
         works = search_reserve(plan.problem, replace(default, disturbance=middle)).status is Status.OK
         least, most = (middle, most) if works else (least, middle)
     push = f"{100 * least:.1g} % of the weight at most; the default reserve: {100 * default.disturbance:.0f} %"
-    return f"a squeeze of these contacts withstands a push of {push}"
+    return f"a squeeze of these contacts withstands a push or moment of {push}"
 
 
 def _compare_forces(plan: GraspPlan) -> list[ComparisonRow]:

@@ -24,16 +24,18 @@ BEYOND = 0.02  # [rad or, times the lever, m] beyond a limit that is carelessnes
 
 _FEWEST, _NEARLY_ALL = 5, 0.9  # grasps, and the share of them from which on chance does not explain it
 _FRAMES = (
-    "are frames, units and the order of the joints as meant? The object's frame is that of its file (a root in it is "
-    "at body.pose @ root in the world), in metres: millimetres take scale=0.001; joints are in the order of "
-    "hand.joint_names, in radians. Where all that is right, they are rougher than the tolerance"
+    "are frames, units and the order of the joints as meant? Poses are in the frame of the object's file, not in one at "
+    "its centre of mass (body.com_b away), in metres: millimetres take scale=0.001; joints are in the order of "
+    "hand.joint_names, in radians. Where all that is right, contacts are farther off than the tolerance"
 )
 # What decides where most grasps have one reason.
 _DECISIVE = {
     Status.DRIVES: "drives of several joints are taken to share their effort by fixed arms; drives=False (--no-drives) "
     "leaves what they can make to the column 'producible'",
-    Status.PENETRATES: "a larger tolerance (--tolerance) takes links that are that deep for contacts",
-    Status.NO_CONTACT: "a larger tolerance (--tolerance) takes links that are that far off for contacts",
+    Status.PENETRATES: "are the poses in the frame of the object's file, not in one at its centre of mass? A larger "
+    "tolerance (--tolerance) takes links that are that deep for contacts, right or wrong",
+    Status.NO_CONTACT: "are the poses in the frame of the object's file, not in one at its centre of mass? A larger "
+    "tolerance (--tolerance) takes links that are that far off for contacts, right or wrong",
     Status.RESERVE: "reserve=None (--no-reserve) asks for the weight alone",
     Status.TORQUE: "look at the hand's effort limits; torque_limit=None asks without them",
 }
