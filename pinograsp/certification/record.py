@@ -24,8 +24,8 @@ BEYOND = 0.02  # [rad or, times the lever, m] beyond a limit that is carelessnes
 
 _FEWEST, _NEARLY_ALL = 5, 0.9  # grasps, and the share of them from which on chance does not explain it
 _FRAMES = (
-    "are frames, units and the order of the joints as meant? Poses are in the frame of the object's file, not in one at "
-    "its centre of mass (body.com_b away), in metres: millimetres take scale=0.001; joints are in the order of "
+    "are frames, units and the order of the joints as meant? Poses are in the frame of the object's file, not in one "
+    "at its centre of mass (body.com_b away), in metres: millimetres take scale=0.001; joints are in the order of "
     "hand.joint_names, in radians. Where all that is right, contacts are farther off than the tolerance"
 )
 # What decides where most grasps have one reason.

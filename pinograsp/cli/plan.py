@@ -232,6 +232,11 @@ def _plan_case(
         _plan_pair(loaded.change(options), loaded.name or "mine", (out, force), session)
         return
     _refuse_with_case(session, case)
+    if alone.reserve not in (None, "none") and chosen.get("search", "convex") != "convex":
+        raise InvalidInput(
+            f"--search: expected convex with --reserve, got {chosen['search']}: one squeeze for several loads is a "
+            "convex program; leave --search out, or take --reserve none"
+        )
     changes: dict[str, object] = {f"forces.{key}": value for key, value in chosen.items()}
     loaded = with_changes(loaded, changes | ({} if alone.reserve is None else {"reserve": alone.reserve}))
     with new_folder(*results, loaded.name) as folder:

@@ -108,7 +108,10 @@ class Drive:
             object.__setattr__(self, "efforts", (least, most))
         floor = number(f"floor of {where}", self.floor, at_least=0)
         if floor > limit:
-            raise InvalidInput(f"floor of {where}: expected at most its limit {limit:g}, got {floor:g}")
+            raise InvalidInput(
+                f"floor of {where}: expected at most its limit {limit:g}, got {floor:g}: both are efforts of the "
+                "drive, N m where it turns joints, not newtons at the fingertips"
+            )
         sources = items_of(f"sources of {where}", self.sources, Source)
         _each_once(f"figures with a source of {where}", [source.figure for source in sources])
         checked = {"joints": joints, "arms": tuple(arms.tolist()), "limit": limit, "floor": floor, "sources": sources}

@@ -57,7 +57,9 @@ def test_the_first_screen_of_a_plan_is_its_answer(planned):
     assert "Comparison" not in " ".join(lines)
     published = " ".join(" ".join(lines[: lines.index("")]).split())
     assert "paper 9.873 / 6.35 / 4.7 N, ours " in published and "impact time t_I paper 0.9 s, ours 0.9 s" in published
-    assert re.search(r"with a reserve a squeeze of these contacts withstands a push or moment of \d % of the weight", published)
+    assert re.search(
+        r"with a reserve a squeeze of these contacts withstands a push or moment of \d % of the weight", published
+    )
 
 
 @pytest.mark.slow

@@ -88,6 +88,11 @@ def test_options_that_are_typed_change_what_the_file_says(tmp_path, command, mon
 
 
 @pytest.mark.slow
+def test_a_reserve_is_convex_and_says_so(command):
+    code, _, err = command("plan", "paper", "--reserve", "disturbance=0.01", "--search", "hybrid")
+    assert code == 2 and "--search: expected convex with --reserve, got hybrid" in err
+
+
 def test_the_papers_case_takes_a_reserve():
     small = load_case("paper", {"reserve": "disturbance=0.02"}).plan(progress=False)
     assert small.reserve is not None and small.reserve.disturbance == 0.02
