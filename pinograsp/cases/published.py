@@ -120,7 +120,7 @@ def _tell_reserve(plan: GraspPlan) -> str:
         middle = (least + most) / 2
         works = search_reserve(plan.problem, replace(default, disturbance=middle)).status is Status.OK
         least, most = (middle, most) if works else (least, middle)
-    push = f"{100 * least:.1g} % of the weight at most; the default reserve: {100 * default.disturbance:.0f} %"
+    push = f"{100 * least:.1g} % of the weight (default: {100 * default.disturbance:.0f} %)"
     return f"a squeeze of these contacts withstands a push or moment of {push}"
 
 

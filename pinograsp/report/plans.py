@@ -44,6 +44,7 @@ def report_plan(plan: PlanRecord, figures: Sequence[str] = (), simulation: Simul
     first = [shown[stems.index(name)] for name in _FIRST if name in stems]
     rest = [figure for figure in shown if figure not in first]
     sections = [
+        *([Section(title="", text=f"{plan.status}: {plan.remedy}")] if plan.remedy else []),
         *list_section("Cautions", plan.cautions),
         *list_section("Notes", plan.notes),
         _contacts(plan),
