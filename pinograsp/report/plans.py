@@ -109,18 +109,15 @@ def _torques(plan: PlanRecord) -> Section:
     count = len(plan.layout.joints)
     slides = np.zeros(count, dtype=bool) if plan.hand is None else plan.hand.slides
     limits = np.full(count, np.inf) if plan.hand is None else plan.hand.effort_or_infinity
-    torques, impact = np.abs(plan.motion.torques), plan.motion.impact
-    approach, grasp = torques[: impact + 1].max(axis=0), torques[impact:].max(axis=0)
-    least = _NOISE * torques.max(initial=0.0)
-    rows, idle = [], []
-    for finger, dofs in plan.layout.fingers.items():
-        for j in dofs:
-            name, largest = plan.layout.joints[j], max(approach[j], grasp[j])
+    least, rows, idle = _NOISE * np.abs(plan.motion.torques).max(initial=0.0), [], []
+    for finger, phases in plan.torque_maxima().items():
+        for j, approach, grasp in zip(plan.layout.fingers[finger], phases["approach"], phases["grasp"]):
+            name, largest = plan.layout.joints[j], max(approach, grasp)
             if largest <= least:
                 idle.append(name)
                 continue
             used = f"{100 * largest / limits[j]:.0f} %" if np.isfinite(limits[j]) else "-"
-            told = (format_fixed(value, 4) for value in (approach[j], grasp[j]))
+            told = (format_fixed(value, 4) for value in (approach, grasp))
             rows.append((finger, name, *told, format_number(limits[j], 3), used, "N" if slides[j] else "N m"))
     return Section(
         title="Largest joint torques",

@@ -95,7 +95,7 @@ def make_search_case(
         impact_time=impact_time,
         wrap=wrap,
         preshapes=prepared.preshapes,
-        pairs=check.choose(found, body, max((one.depth for one in prepared.preshapes), default=0.0)),
+        pairs=check.choose(found, max((one.depth for one in prepared.preshapes), default=0.0)),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
         scene=scene_of(prepared.rough, body),
         collisions=prepared.collisions,

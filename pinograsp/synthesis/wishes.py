@@ -190,8 +190,9 @@ class WishCheck:
         self.forbidden = [(_name_part(part), _region(part, body)) for part in wishes.forbidden]
         self.look_o, self.least, self.most = _cone(wishes.approach, body, gravity_o)
         # Where the object begins along one direction; the sides have none.
-        one = self.look_o is not None and self.least == 0
-        self.begins = SupportPlane.under(body, -self.look_o).height if one and self.look_o is not None else None
+        self.begins: float | None = None
+        if self.look_o is not None and self.least == 0:
+            self.begins = SupportPlane.under(body, -self.look_o).height
         self.of_parts = self.within is not None or bool(self.forbidden)
         self.wanted_fingers = wishes.least_fingers or min(FINGERS, available)
         if self.fingers is not None and wishes.least_fingers is None:
@@ -199,7 +200,7 @@ class WishCheck:
 
     # -- in the seeds
 
-    def choose(self, pairs: Pairs, body: Body, reach: float) -> Pairs:
+    def choose(self, pairs: Pairs, reach: float) -> Pairs:
         """The pairs of surfaces that may be held so by fingers of a ``reach`` [m]; all of them where none may."""
         ends = pairs.ends_o
         fits = np.ones(len(pairs.widths), dtype=bool)
@@ -215,7 +216,7 @@ class WishCheck:
         pairs = pairs.select(fits) if fits.any() else pairs
         if not self.wishes.edges and len(pairs.widths):
             inward = (pairs.axes_o, -pairs.axes_o)
-            near = [turns_nearby(body, end, axes, _OFF_EDGES) for end, axes in zip(pairs.ends_o, inward)]
+            near = [turns_nearby(self.body, end, axes, _OFF_EDGES) for end, axes in zip(pairs.ends_o, inward)]
             far = ~(near[0] | near[1])
             pairs = pairs.select(far) if far.any() else pairs
         return pairs
@@ -314,9 +315,9 @@ class WishCheck:
             gap = find_gap(self.body, region, np.random.default_rng(0))
             gaps += [gap] if gap > _SLIT else []
             told.append(f"{name}: {size} mm" + (f", with an opening of {1e3 * gap:.2g} mm" if gap > _SLIT else ""))
-        thick = measure_thickness(self.hand)
-        taking = [thick[name] for name in self.fingers or thick]
         if gaps:
+            thick = measure_thickness(self.hand)
+            taking = [thick[name] for name in self.fingers or thick]
             least, most = (f"{1e3 * one:.2g}" for one in (min(taking), max(taking)))
             told.append(f"the fingers are {least if least == most else f'{least} to {most}'} mm thick")
         return f" ({'; '.join(told)})"
