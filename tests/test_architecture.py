@@ -37,6 +37,7 @@ ROOMS = [
     "forces",
     "actuation",
     "motion",
+    "identification",
     "data",
     "synthesis",
     "storage",
@@ -63,6 +64,7 @@ OWNERS = {
     "yourdfpy": {"hands"},
     "xacro": {"hands"},
     "simpleeval": {"hands"},
+    "tomlkit": {"hands"},
     "qpsolvers": {"forces"},
     "daqp": {"forces"},
     "clarabel": {"forces", "carry"},
@@ -80,7 +82,7 @@ OWNERS = {
     "filelock": {"writing"},
     "joblib": {"interrupts", "synthesis", "simulation", "sweep"},
     "cloudpickle": {"synthesis", "simulation"},
-    "pyarrow": {"sweep"},
+    "pyarrow": {"identification", "sweep"},
     "distributed": {"sweep"},
 }
 # Tests of what no single room does.

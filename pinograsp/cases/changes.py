@@ -38,6 +38,7 @@ CaseChanges = TypedDict(
         "hand.masses": Masses,
         "hand.exclude": Sequence[str],
         "hand.srdf": str | None,
+        "hand.drives": str | None,
         "hand.posture": Mapping[str, float],
         "object": Mapping[str, object],
         "object.shape": Literal["cylinder", "sphere"],

@@ -87,6 +87,7 @@ class ObjectCase(CaseSection):
     masses: Masses = "estimate"
     exclude: list[str] = Field(default_factory=list)
     srdf: str | None = None
+    drives: str | None = None
     posture: dict[str, Number] = Field(default_factory=dict)
     search: Search = "convex"
     balance: Literal["force", "wrench"] = "wrench"

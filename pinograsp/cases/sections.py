@@ -77,7 +77,8 @@ class CaseSection(BaseModel):
 
 
 _READING = {
-    *("root", "palm", "fingers", "packages", "xacro_args", "trusted", "masses", "hulls", "exclude", "srdf", "posture")
+    *("root", "palm", "fingers", "packages", "xacro_args", "trusted", "masses", "hulls", "exclude", "srdf", "drives"),
+    "posture",
 }
 
 
@@ -98,6 +99,7 @@ class HandSection(CaseSection):
     masses: Masses = "estimate"
     exclude: list[str] = []
     srdf: str | None = None
+    drives: str | None = None
     posture: dict[str, Number] = {}
 
 
@@ -109,6 +111,8 @@ def read_hand_settings(section: BaseModel, folder: Path) -> dict[str, Any]:
     settings["packages"] = {name: str(folder / Path(one).expanduser()) for name, one in settings["packages"].items()}
     if settings["srdf"] is not None:
         settings["srdf"] = str(folder / Path(settings["srdf"]).expanduser())
+    if settings["drives"] is not None and settings["drives"].endswith(".toml"):
+        settings["drives"] = str(folder / Path(settings["drives"]).expanduser())
     return settings
 
 

@@ -28,7 +28,7 @@ from pinograsp.hands.file_reads import ABSENT, noting_files
 
 _MOST = 10_000_000  # rows; their indices are kept in memory
 _BIGGEST = 10_000_000  # bytes of a sweep file: lists of values may be long
-_WITH_FILES = ("hand", "object", "packages", "xacro_args", "srdf")  # inputs that may name other files
+_WITH_FILES = ("hand", "object", "packages", "xacro_args", "srdf", "drives")  # inputs that may name other files
 _LOOKED_AT = 20  # number of first rows of which at least one must be usable
 
 

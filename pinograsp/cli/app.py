@@ -12,7 +12,8 @@ from pinograsp.cli.certify import certify
 from pinograsp.cli.check import check
 from pinograsp.cli.close import close
 from pinograsp.cli.export import export
-from pinograsp.cli.hands import hands
+from pinograsp.cli.hands import CommandWithSheet, hands
+from pinograsp.cli.identify import identify
 from pinograsp.cli.new import new
 from pinograsp.cli.plan import CommandWithObjects, plan
 from pinograsp.cli.report import report
@@ -23,9 +24,11 @@ from pinograsp.cli.view import view
 _PANELS = {
     "Plan": (hands, new, plan, close, check, carry),
     "Use a plan": (export, report, view),
+    "A real hand": (identify,),
     "Many at once": (certify, sweep),
     "This machine": (bench,),
 }
+_KINDS = {plan: CommandWithObjects, close: CommandWithObjects, hands: CommandWithSheet}
 
 
 def _print_version(show: bool) -> None:
@@ -57,7 +60,7 @@ def _make_app() -> typer.Typer:
     application.callback()(_main)
     for panel, functions in _PANELS.items():
         for function in functions:
-            kind = CommandWithObjects if function in (plan, close) else None
+            kind = _KINDS.get(function)
             application.command(cls=kind, rich_help_panel=panel)(as_command(function))
     return application
 

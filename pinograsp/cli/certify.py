@@ -94,7 +94,11 @@ class ConditionOptions:
         "In the object's frame, or its file's world \\[m/s^2].", default=defaults.GRAVITY, metavar="X Y Z"
     )
     reserve: bool = _condition("Ask for the reserve besides the weight.", default=True)
-    drives: bool = _condition("Ask for forces that the hand's drives can make; the table has it anyway.", default=True)
+    drives: bool = _condition(
+        "Ask for forces that the hand's drives can make; the table has it anyway.",
+        "--ask-drives/--no-drives",
+        default=True,
+    )
     commanded: bool = _condition(
         "Try grasps as commanded where the files have no commands, too: by references that make the certified torques.",
         default=False,

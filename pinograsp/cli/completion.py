@@ -20,6 +20,7 @@ CONTROLS = ("impedance", "position", "torque")
 SUPPORTS = ("fixed", "table", "none")
 EXECUTORS = ("joblib", "dask")
 COMMANDS = ("torque", "position", "impedance", "jaw")  # what motors are sent
+UNITS = ("SI", "register")
 TIMINGS = ("fastest", "given")
 SQUEEZES = ("least", "constant")
 RESERVES = ("none", "default")

@@ -45,6 +45,12 @@ class FileOptions:
         metavar="PATH",
     )
     object_scale: float = _file("With --dexgraspbench: of the object's mesh there.", "--object-scale", default=1.0)
+    units: str = _file(
+        "With --csv and --command: SI, or register (whole numbers of the drives' registers; of closing drives, with "
+        "--command jaw, speed and force limit).",
+        default="SI",
+        choices=completion.UNITS,
+    )
     followers: bool = _file("With --csv and --ros2: a column for coupled joints, too.", "--followers", default=False)
     goal: bool = _file("With --ros2: a goal of FollowJointTrajectory, not the message alone.", "--goal", default=False)
     effort: bool = _file("With --ros2: the message has the joints' torques.", default=True)
@@ -63,7 +69,11 @@ class FileOptions:
     def contents(self) -> dict[str, dict[str, Any]]:
         """What is in a file, by option."""
         table: dict[str, Any] = {"followers": self.followers}
-        return {"--csv": table, "--ros2": {**table, "goal": self.goal, "effort": self.effort}, "--mujoco": {}}
+        return {
+            "--csv": {**table, "units": self.units},
+            "--ros2": {**table, "goal": self.goal, "effort": self.effort},
+            "--mujoco": {},
+        }
 
     def check(self) -> None:
         """InvalidInput for options that nothing written would heed, files without their ending, none at all."""
@@ -84,6 +94,7 @@ class FileOptions:
             ("--goal", self.goal, ("--ros2",)),
             ("--no-effort", not self.effort, ("--ros2",)),
             ("--scene", self.scene, ("--mujoco",)),
+            ("--units", self.units != "SI", ("--csv",)),
             ("--object-scale", self.object_scale != 1.0 and self.object_path is None, ("--dexgraspbench",)),
         ):
             if is_set and not places.keys() & set(options):
@@ -164,7 +175,7 @@ def export(
     jaws: tuple[JawCommand, ...] = ()
     if (run / _CARRY).is_file():
         useless = [f"--{name}" for name in settings]
-        useless += ["--scene"] * files.scene + ["--rate"] * (motors.rate != _RATE)
+        useless += ["--scene"] * files.scene + ["--units"] * (files.units != "SI") + ["--rate"] * (motors.rate != _RATE)
         if useless:
             raise InvalidInput(
                 f"{', '.join(useless)}: expected a run's folder, got '{run}', a carry plan, whose joints are sampled "
@@ -222,7 +233,7 @@ def _write_plan(
     if files.scene and files.mujoco is not None and len(files.places) == 1:
         return plan.to_mujoco(files.mujoco, scene=True, **settings), ()
     trajectory = make_commands(plan, **settings)  # its errors come before anything is written
-    jaws = jaw_commands(plan) if settings.get("command") == "jaw" else ()
+    jaws = jaw_commands(plan) if settings.get("command") == "jaw" and files.units == "SI" else ()
     if files.csv is not None:
         trajectory = plan.to_csv(files.csv, **files.contents["--csv"], **settings)
     if files.ros2 is not None:
@@ -238,7 +249,7 @@ def _write_carry(folder: Path, files: FileOptions) -> JointTrajectory:
 
     trajectory = read_csv(folder / "trajectory.csv")
     if files.csv is not None:
-        trajectory.to_csv(files.csv, **files.contents["--csv"])
+        trajectory.to_csv(files.csv, followers=files.followers)
     if files.ros2 is not None:
         trajectory.to_ros2(files.ros2, **files.contents["--ros2"])
     if files.mujoco is not None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from pinograsp.cli import completion
 from pinograsp.cli.options import ArmOptions
@@ -14,6 +15,16 @@ from pinograsp.errors import InvalidInput
 
 _BALL = "sphere:radius=0.03,mass=0.1"
 _WIDE = 120  # columns of a terminal that are enough for titles and names of fingers
+
+
+class CommandWithSheet(TyperCommand):
+    """Takes ``--drives`` without a file as ``--write-drives``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As its base class."""
+        pairs = zip(args, [*args[1:], "-"])
+        alone = [one == "--drives" and then.startswith("-") for one, then in pairs]
+        return super().parse_args(ctx, ["--write-drives" if flag else one for one, flag in zip(args, alone)])
 
 
 def hands(
@@ -26,6 +37,10 @@ def hands(
         ),
     ] = None,
     arm: ArmOptions,
+    write_drives: Annotated[
+        bool,
+        typer.Option("--write-drives", help="Print the data sheet of its drives; --drives without a file does, too."),
+    ] = False,
     session: Session,
 ) -> None:
     """List the hands of the catalogue, or describe a hand: fingers, joints, limits, couplings, masses.
@@ -37,23 +52,29 @@ def hands(
 
       pinograsp hands humanoid --root index_proximal --json
 
+      pinograsp hands so101 --drives
+
     A file of your own: its path, with --root, --package and --arg where it needs them.
     """
     from pinograsp.hands import load_hand
     from pinograsp.hands.catalogue import CATALOGUE
+    from pinograsp.hands.sheets import write_sheet
     from pinograsp.hands.summary import record
 
     if name is None:
         if arm.root is not None:
             raise InvalidInput("--root needs the NAME of a hand or file")
-        if arm != ArmOptions():
+        if arm != ArmOptions() or write_drives:
             raise InvalidInput(
-                "--palm, --finger, --package, --arg, --trusted, --masses, --exclude, --srdf, --posture need the "
-                "NAME of a hand or file"
+                "--palm, --finger, --package, --arg, --trusted, --masses, --exclude, --srdf, --drives, --posture, "
+                "--write-drives need the NAME of a hand or file"
             )
         _list_hands(session)
         return
     hand = load_hand(name, **arm.settings())
+    if write_drives:
+        typer.echo(write_sheet(hand.drives, hand.name), nl=False)
+        return
     if session.as_json:
         session.print_json(record(hand))
         return

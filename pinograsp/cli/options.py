@@ -52,6 +52,12 @@ class HandOptions:
     )
     exclude: list[str] | None = _hand("Link that is not to touch; repeatable.", "--exclude", metavar="LINK")
     srdf: str | None = _hand("SRDF with pairs of links that may overlap.", metavar="FILE")
+    sheet: str | None = _hand(
+        "Data sheet of its drives: a file (.toml), or one of the package, as leap; default: HAND.drives.toml beside "
+        "the hand's file.",
+        "--drives",
+        metavar="FILE",
+    )
 
     def settings(self) -> dict[str, Any]:
         """By the names of :func:`~pinograsp.hands.load_hand`.
@@ -70,6 +76,7 @@ class HandOptions:
             "masses": self.masses,
             "exclude": self.exclude or [],
             "srdf": self.srdf,
+            "drives": self.sheet,
         }
 
 

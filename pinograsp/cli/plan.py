@@ -173,7 +173,11 @@ def plan(
 # Where a case file has what options say of a hand and an object, by the names of the commands' parameters.
 _IN_CASES = {
     **dict.fromkeys(
-        ("root", "palm", "fingers", "packages", "trusted", "masses", "exclude", "srdf", "hulls", "posture"), "hand."
+        (
+            *("root", "palm", "fingers", "packages", "trusted", "masses", "exclude", "srdf", "sheet", "hulls"),
+            "posture",
+        ),
+        "hand.",
     ),
     "arguments": "hand.xacro_args",
     "at": "hand.position_mm",

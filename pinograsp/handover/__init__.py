@@ -19,15 +19,19 @@ from pinograsp.handover.core_files import write_core
 from pinograsp.handover.grasp_rows import commanded_postures, grasp_rows, write_dexgraspbench
 from pinograsp.handover.jaws import JawCommand, JointTarget, gripper_message, jaw_commands, write_jaws
 from pinograsp.handover.reading import read_csv, read_ros2
+from pinograsp.handover.registers import FingerClosing, Units, closing_commands, write_closings, write_registers
 from pinograsp.handover.trajectory import JointTrajectory
 
 __all__ = [
     "Command",
     "Commanding",
+    "FingerClosing",
     "JawCommand",
     "JointTarget",
     "JointTrajectory",
     "Sampling",
+    "Units",
+    "closing_commands",
     "commanded_postures",
     "drive_commands",
     "grasp_rows",
@@ -36,7 +40,9 @@ __all__ = [
     "joint_trajectory",
     "read_csv",
     "read_ros2",
+    "write_closings",
     "write_core",
     "write_dexgraspbench",
     "write_jaws",
+    "write_registers",
 ]

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -182,15 +182,21 @@ def _targets(hand: HandModel, drive: Drive, effort: float, q: Array) -> tuple[Jo
     return tuple(targets)
 
 
-def _press(hand: HandModel, plan: PlanRecord) -> tuple[float | None, float | None, list[float] | None]:
-    """Distance of two jaws' contact points at the end and at t_I [m], and the force of each at the end [N]."""
-    contacts, motion = plan.contacts, plan.motion
+def group_contacts(hand: HandModel, links: Iterable[str]) -> dict[str, list[int]]:
+    """Contacts by the finger whose links touch; those of the palm, and of no link, under ""."""
     parts: dict[str, list[int]] = {}
-    for i, link in enumerate(contacts.links):
+    for i, link in enumerate(links):
         frame = hand.model.frames[hand.frame_id(link)] if link else None
         joint = 0 if frame is None else int(frame.parentJoint)
         name = next((finger.name for finger in hand.fingers if joint in finger.joint_ids), "")
         parts.setdefault(name, []).append(i)
+    return parts
+
+
+def _press(hand: HandModel, plan: PlanRecord) -> tuple[float | None, float | None, list[float] | None]:
+    """Distance of two jaws' contact points at the end and at t_I [m], and the force of each at the end [N]."""
+    contacts, motion = plan.contacts, plan.motion
+    parts = group_contacts(hand, contacts.links)
     if len(parts) != 2 or not all(contacts.links):
         return None, None, None
     placements = [hand.frame_placements(q, contacts.links) for q in (motion.q[motion.impact], motion.q[-1])]

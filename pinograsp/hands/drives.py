@@ -6,14 +6,15 @@ import functools
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import array_of, brief, flag, frozen, items_of, number, one_of, shorten, text_of
+from pinograsp.checks import array_of, brief, flag, frozen, instance_of, items_of, number, one_of, shorten, text_of
 from pinograsp.errors import InvalidInput
+from pinograsp.hands.closing_table import ClosingTable
 from pinograsp.hands.coupling import Coupling
 from pinograsp.hands.sources import Figure, Source
 from pinograsp.spatial import Array
@@ -51,7 +52,13 @@ class Drive:
             None: ``limit`` either way.
         step: of the encoder by which a position servo holds its coordinate, in units of a; None where it is not known.
         floor: least effort that it holds with once it has closed, as grippers have that can be set no gentler; 0: any.
-        sources: where limit, stiffness, damping, step and floor come from, and which are guesses; each at most once.
+        continuous: largest effort that it holds for long without growing too hot; None where it is not known.
+        effort_step: effort that one unit of its effort or current register makes; None where it is not known.
+        backlash: way that its gears have free, in units of a; None where it is not known.
+        friction: effort that dry friction takes; None where it is not known.
+        latency: time from a command to the motion [s]; None where it is not known.
+        closing: what its finger presses with when it closes on a stop; None where nobody has measured it.
+        sources: where these figures come from, and which are guesses; each at most once.
 
     Raises:
         InvalidInput: for values that make no drive.
@@ -68,6 +75,12 @@ class Drive:
     efforts: tuple[float, float] | None = None
     step: float | None = None
     floor: float = 0.0
+    continuous: float | None = None
+    effort_step: float | None = None
+    backlash: float | None = None
+    friction: float | None = None
+    latency: float | None = None
+    closing: ClosingTable | None = None
     sources: tuple[Source, ...] = ()
 
     __repr__ = brief()
@@ -89,9 +102,11 @@ class Drive:
             )
         one_of(f"control of {where}", self.control, get_args(Control))
         flag(f"exact of {where}", self.exact)
-        _optional(self, "stiffness", where, above=0)
-        _optional(self, "damping", where, at_least=0)
-        _optional(self, "step", where, above=0)
+        for key in ("stiffness", "step", "continuous", "effort_step"):
+            _optional(self, key, where, above=0)
+        for key in ("damping", "backlash", "friction", "latency"):
+            _optional(self, key, where, at_least=0)
+        instance_of(f"closing of {where}", self.closing, ClosingTable, type(None))
         if self.stiffness is not None and self.control != "position":
             raise InvalidInput(
                 f"stiffness of {where}: expected none for control '{self.control}', got {self.stiffness:g}: leave it "
@@ -112,11 +127,21 @@ class Drive:
                 f"floor of {where}: expected at most its limit {limit:g}, got {floor:g}: both are efforts of the "
                 "drive, N m where it turns joints, not newtons at the fingertips"
             )
+        if self.continuous is not None and self.continuous > limit:
+            raise InvalidInput(
+                f"continuous effort of {where}: expected at most its limit {limit:g}, got {self.continuous:g}"
+            )
         sources = items_of(f"sources of {where}", self.sources, Source)
         _each_once(f"figures with a source of {where}", [source.figure for source in sources])
         checked = {"joints": joints, "arms": tuple(arms.tolist()), "limit": limit, "floor": floor, "sources": sources}
         for key, value in checked.items():
             object.__setattr__(self, key, value)
+
+    @property
+    def known(self) -> set[str]:
+        """Names of the figures that it has."""
+        none = {"limit": math.inf, "floor": 0.0}
+        return {figure for figure in get_args(Figure) if getattr(self, figure) not in (None, none.get(figure))}
 
     def source(self, figure: Figure) -> Source | None:
         """Where one of its figures comes from; None where that is not known."""
@@ -161,14 +186,6 @@ def _optional(drive: Drive, key: str, where: str, *, above: float | None = None,
     value = getattr(drive, key)
     if value is not None:
         object.__setattr__(drive, key, number(f"{key} of {where}", value, above=above, at_least=at_least))
-
-
-def drive_record(drive: Drive) -> dict[str, Any]:
-    """A drive as plain JSON values; None for a limit, stiffness, damping or step that is not known."""
-    plain: dict[str, Any] = asdict(drive) | {"limit": drive.limit if drive.limit < math.inf else None}
-    plain["sources"] = [one | {"interval": one["interval"] and list(one["interval"])} for one in plain["sources"]]
-    lists = {"joints": list(drive.joints), "arms": list(drive.arms), "efforts": drive.efforts and list(drive.efforts)}
-    return plain | lists
 
 
 def one_each(joints: Iterable[str], limits: ArrayLike, control: Control = "torque") -> tuple[Drive, ...]:

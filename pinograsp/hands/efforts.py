@@ -100,7 +100,8 @@ def exceed_ways(hand: HandModel, q: Array, torques: Array) -> BoolArray:
 
 
 def below_steps(hand: HandModel, efforts: Array, stiffness: Array) -> list[str]:
-    """In words, drives whose servos make their effort of ``efforts`` (m,) by a way of less than two encoder steps.
+    """In words, drives whose servos make their effort of ``efforts`` (m,) by a way of less than two encoder steps, or
+    less than their backlash.
 
     Args:
         hand: whose drives have an encoder step.
@@ -113,7 +114,13 @@ def below_steps(hand: HandModel, efforts: Array, stiffness: Array) -> list[str]:
         if drive.step is None or not kp > 0 or effort <= least:
             continue
         way = effort / kp
-        if way < _STEPS * drive.step:
+        if drive.backlash is not None and way < drive.backlash:
+            found.append(
+                f"drive {drive.name} is sent {way:.2g} rad or m beyond where it holds, less than the backlash of "
+                f"{drive.backlash:.2g} in its gears: it may press with nothing; come from the open side, press harder, "
+                "or take softer servos"
+            )
+        elif way < _STEPS * drive.step:
             found.append(
                 f"drive {drive.name} is sent {way:.2g} rad or m beyond where it holds, {way / drive.step:.2g} steps of "
                 f"its encoder ({drive.step:.3g}): a step is {100 * drive.step / way:.0f} % of its effort; press "

@@ -36,7 +36,7 @@ def _describe_drives(
 
     ``slides``: which springs are at sliding joints; ``each``: a drive at each joint.
     """
-    plain = each and all(set(drive.arms) == {1.0} and drive.stiffness is None for drive in drives)
+    plain = each and all(set(drive.arms) == {1.0} and drive.known <= {"limit"} for drive in drives)
     controls = {drive.control for drive in drives}
     lines = [f"  drives: {len(drives)}"]
     if plain and len(controls) == 1:
@@ -51,9 +51,16 @@ def _describe_drives(
                 ("damping", drive.damping),
                 ("encoder step", drive.step),
                 ("floor", drive.floor or None),
+                ("continuous", drive.continuous),
+                ("effort step", drive.effort_step),
+                ("backlash", drive.backlash),
+                ("friction", drive.friction),
+                ("latency [s]", drive.latency),
             )
             known = "".join(f", {name} {value:.4g}" for name, value in others if value is not None)
             lines.append(f"    {drive}, limit {limit}{known}")
+            if drive.closing is not None:
+                lines.append(f"      closing on a stop: {drive.closing}")
     lines += [f"    {source}" for source in unlike(drive.sources for drive in drives)]
     if any(drive.stiffness is None for drive in drives):
         lines.append(

@@ -27,6 +27,7 @@ from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import tells_unit
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.motors import Actuation, drives_of, motors_at, on_joints, remarks_on, springs_of
+from pinograsp.hands.sheets import apply_sheet, find_sheet
 from pinograsp.hands.srdf import disabled_collisions, pairs_in
 from pinograsp.hands.tree import find_fingers, joints_before, palms_in, tip_of, with_followed
 from pinograsp.hands.unit_checks import size_notes, speed_notes
@@ -52,7 +53,7 @@ def load_hand(
     palm: str | None = None,
     fingers: dict[str, str] | None = None,
     limits: dict[str, tuple[float, float]] | None = None,
-    drives: Sequence[Drive] | None = None,
+    drives: Sequence[Drive] | str | Path | None = None,
     springs: Sequence[Spring] | None = None,
     hulls: bool = True,
     trusted: bool = False,
@@ -81,7 +82,9 @@ def load_hand(
             its links have in common.
         limits: position limits that replace the file's, ``{joint: (lower, upper)}`` [rad or m]; noted on the model.
         drives: motors that replace the file's and the catalogue's; by default one at each joint, noted, where neither
-            names any.
+            names any. A path, or the name of a data sheet of the package (:func:`~pinograsp.hands.sheets.list_sheets`):
+            its figures replace theirs. A sheet beside the file, ``hand.drives.toml`` beside ``hand.urdf``, is read by
+            itself where none is given.
         springs: springs at joints that replace the file's.
         hulls: take the convex hulls of the links' meshes, as physics engines do; contacts where a link is hollow are
             told by the plan. False: the meshes as they are, for which plans are slower, and simulations differ.
@@ -121,7 +124,12 @@ def load_hand(
     labels = {"motor": motors_at(description.actuation), **description.labels}
     hand = _build_hand(description.name, prepared, palm, fingers, masses, exclude, labels)
     hand = with_effort_limits(hand, prepared.efforts, () if entry is None else entry.drives or ())
-    hand = _add_drives(hand, description.actuation, entry, drives, springs)
+    sheet = drives if isinstance(drives, str | Path) else None
+    hand = _add_drives(hand, description.actuation, entry, None if isinstance(drives, str | Path) else drives, springs)
+    if drives is None and entry is None and isinstance(source, str | Path):
+        sheet = find_sheet(source)
+    if sheet is not None:
+        hand = apply_sheet(hand, sheet)
     hand = _disable_collisions(hand, description, prepared.links, srdf)
     hand = hand.with_limits({} if limits is None else limits)
     slides = hand.slides.tolist()

@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, get_args
+from typing import Any, NamedTuple, TypeVar
 
 import coal
 import numpy as np
@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike
 from pinograsp.checks import array_of, number, one_of, placement_of
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.hands.descriptions import RobotDescription
-from pinograsp.hands.drives import Control, Drive, Spring, checked_drives, checked_springs, drive_record, one_each
+from pinograsp.hands.drive_records import drive_record, read_drive
+from pinograsp.hands.drives import Drive, Spring, checked_drives, checked_springs, one_each
 from pinograsp.hands.elements import find_named, parse
 from pinograsp.hands.geometry import PRIMITIVES, SIZES, hull_of, read_mesh
 from pinograsp.hands.mesh_file import collision_model, triangles_of
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.shapes import MeshNames
-from pinograsp.hands.sources import Figure, Source
 from pinograsp.hands.urdf import prepare_hand
 from pinograsp.hands.urdf_file import MOMENTS, read_urdf
 from pinograsp.hands.visuals import parse_triangles, visuals_from, visuals_record, write_triangles
@@ -265,40 +265,8 @@ def _drives(record: dict[str, Any], hand: HandModel) -> tuple[Drive, ...]:
     """The record's drives; those of older records, which have none, are one motor at each joint."""
     if "drives" not in record:
         return one_each(hand.joint_names, hand.effort_or_infinity)
-    drives = []
-    for i, one in enumerate(_field(record, "drives", list)):
-        where = f"drives[{i}]: "
-        limit = one.get("limit") if isinstance(one, dict) else None
-        drives.append(
-            Drive(
-                name=_field(one, "name", str, where),
-                joints=tuple(_texts(one, "joints", where)),
-                arms=tuple(_field(one, "arms", list, where)),
-                control=one_of(f"hand record: {where}control", one.get("control"), get_args(Control)),
-                limit=np.inf if limit is None else limit,
-                stiffness=one.get("stiffness"),
-                damping=one.get("damping"),
-                exact=one.get("exact", False),  # older records did not tell
-                efforts=one.get("efforts"),
-                step=one.get("step"),
-                floor=one.get("floor", 0.0),
-                sources=_sources(one, where),
-            )
-        )
+    drives = [read_drive(one, f"hand record: drives[{i}]: ") for i, one in enumerate(_field(record, "drives", list))]
     return checked_drives(hand.name, hand.joint_names, hand.couplings, drives)
-
-
-def _sources(drive: dict[str, Any], where: str) -> tuple[Source, ...]:
-    """Where a drive's figures come from; older records do not tell."""
-    return tuple(
-        Source(
-            figure=one_of(f"hand record: {where}source", _field(one, "figure", str, where), get_args(Figure)),
-            text=_field(one, "text", str, where),
-            guess=one.get("guess", False),
-            interval=one.get("interval"),
-        )
-        for one in (_field(drive, "sources", list, where) if "sources" in drive else [])
-    )
 
 
 def _disabled_collisions(record: dict[str, Any], links: list[str]) -> tuple[tuple[str, str], ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
@@ -10,7 +11,21 @@ from typing import Literal, TypeAlias, get_args
 from pinograsp.checks import brief, flag, floats_of, one_of, shorten, text_of
 from pinograsp.errors import InvalidInput
 
-Figure: TypeAlias = Literal["limit", "stiffness", "damping", "step", "floor"]
+Figure: TypeAlias = Literal[
+    "limit",
+    "continuous",
+    "floor",
+    "stiffness",
+    "damping",
+    "step",
+    "effort_step",
+    "backlash",
+    "friction",
+    "latency",
+    "closing",
+]
+
+_DATE = re.compile(r"\d{4}(-\d{2}(-\d{2})?)?")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,10 +33,11 @@ class Source:
     """Where one figure of a drive comes from.
 
     Attributes:
-        figure: which one: ``limit``, ``stiffness``, ``damping`` or ``step``.
+        figure: which one, by its name in :class:`~pinograsp.hands.drives.Drive`.
         text: the manual, paper or file; of a guess, what it rests on.
         guess: whether nobody has published or measured it.
         interval: between which values it lies from unit to unit or setting to setting; None: not known.
+        date: when it was measured or published, as 2026-11 or 2026-11-28; "": not known.
 
     Raises:
         InvalidInput: for values that make no source.
@@ -31,6 +47,7 @@ class Source:
     text: str
     guess: bool = False
     interval: tuple[float, float] | None = None
+    date: str = ""
 
     __repr__ = brief()
 
@@ -39,6 +56,10 @@ class Source:
         if not text_of(f"source of a {self.figure}", self.text):
             raise InvalidInput(f"source of a {self.figure}: expected a text, got an empty one: say where it comes from")
         flag(f"guess of the source of a {self.figure}", self.guess)
+        if self.date and not _DATE.fullmatch(text_of(f"date of the source of a {self.figure}", self.date)):
+            raise InvalidInput(
+                f"date of the source of a {self.figure}: expected YYYY, YYYY-MM or YYYY-MM-DD, got {shorten(self.date)}"
+            )
         if self.interval is not None:
             ends = floats_of(f"interval of a {self.figure}", self.interval)
             if ends.shape != (2,) or not 0 <= ends[0] <= ends[1] < math.inf:
@@ -51,7 +72,8 @@ class Source:
     def __str__(self) -> str:
         """The figure, its interval and where it comes from, in words."""
         between = "" if self.interval is None else f" ({self.interval[0]:g} to {self.interval[1]:g})"
-        return f"{self.figure}{between}: {'a guess, ' if self.guess else ''}{self.text}"
+        when = f" ({self.date})" if self.date else ""
+        return f"{self.figure}{between}: {'a guess, ' if self.guess else ''}{self.text}{when}"
 
 
 def unlike(sources: Iterable[tuple[Source, ...]]) -> list[Source]:

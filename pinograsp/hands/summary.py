@@ -6,7 +6,7 @@ from typing import Any
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.catalogue import CATALOGUE
-from pinograsp.hands.drives import drive_record
+from pinograsp.hands.drive_records import drive_record
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import HandModel
 

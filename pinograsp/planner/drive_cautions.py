@@ -45,6 +45,11 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
             yield f"drive {drive.name} holds with {effort:.3g}, more than its limit of {drive.limit:.3g}"
         elif peak > drive.limit * (1 + _ROUNDING):
             yield f"drive {drive.name} needs up to {peak:.3g} on the way, more than its limit of {drive.limit:.3g}"
+        elif drive.continuous is not None and effort > drive.continuous * (1 + _ROUNDING):
+            yield (
+                f"drive {drive.name} holds with {effort:.3g}, more than the {drive.continuous:.3g} that it holds for "
+                "long: it grows too hot, or gives way"
+            )
     for drive, effort in zip(hand.drives, held):
         if _BEARS * held.max() < effort < drive.floor * (1 - _ROUNDING):
             yield (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,10 +20,14 @@ from pinograsp.handover import (
     Command,
     Commanding,
     JointTrajectory,
+    Units,
+    closing_commands,
     gripper_message,
     jaw_commands,
+    write_closings,
     write_core,
     write_jaws,
+    write_registers,
 )
 from pinograsp.handover.commands import COMMANDS, make_commands, write_drive_keyframes
 from pinograsp.handover.trajectory import check_model_options
@@ -138,6 +142,7 @@ class GraspPlan(PlanRecord):
         *,
         command: Command | None = None,
         followers: bool = False,
+        units: Units = "SI",
         **commanding: Unpack[Commanding],
     ) -> JointTrajectory:
         """Write the motion for a controller as a table; see :meth:`pinograsp.handover.JointTrajectory.to_csv`.
@@ -148,6 +153,9 @@ class GraspPlan(PlanRecord):
                 see :func:`pinograsp.handover.drive_commands`. ``jaw``: a line per joint of a gripper with its target,
                 effort, width and forces, see :func:`pinograsp.handover.write_jaws`.
             followers: adds coupled joints; of no effect on drives.
+            units: ``register``: with a command, whole numbers of the drives' registers, see
+                :func:`pinograsp.handover.write_registers`; with ``jaw`` closing speeds and force limits, see
+                :func:`pinograsp.handover.closing_commands`.
             commanding: rate, start, lead, blend; for drives stiffness, damping, shortfall, too.
 
         Returns:
@@ -157,7 +165,15 @@ class GraspPlan(PlanRecord):
         Raises:
             InvalidInput: as :func:`pinograsp.handover.drive_commands`. ResultsNotWritten.
         """
+        if one_of("units", units, get_args(Units)) == "register" and command is None:
+            raise InvalidInput("units='register': expected with a command, as joints have no registers, got none")
         trajectory = make_commands(self, command, **commanding)
+        if units == "register" and command == "jaw":
+            write_closings(closing_commands(self), path)
+            return trajectory
+        if units == "register":
+            notes = write_registers(self.hand, trajectory, path, efforts=command != "position")
+            return replace(trajectory, notes=(*trajectory.notes, *notes))
         if command == "jaw":
             write_jaws(jaw_commands(self, shortfall=commanding.get("shortfall", SHORTFALL)), path)
             return trajectory

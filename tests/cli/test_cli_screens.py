@@ -261,6 +261,7 @@ def test_version(command):
 def examples() -> list[tuple[str, str]]:
     """Command and example, in the order in which they need each other."""
     order = ["plan", "new", "close", "check", "report", "view", "export", "carry", "sweep", "hands", "bench", "certify"]
+    order += ["identify"]
     assert sorted(order) == COMMANDS
     found = []
     for name in order:
@@ -286,9 +287,11 @@ FIRST = (("plan",), ("check", "report", "view", "export"))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("commands", [*FIRST, tuple(sorted({*COMMANDS} - {"certify"}.union(*FIRST)))], ids=" ".join)
+@pytest.mark.parametrize(
+    "commands", [*FIRST, tuple(sorted({*COMMANDS} - {"certify", "identify"}.union(*FIRST)))], ids=" ".join
+)
 def test_examples_of_the_help_work_when_typed(tmp_path, often, commands):
-    """All but those that need a data set, or go on until they are ended; after a plan of the paper's case."""
+    """All but those that need a data set or a log, or go on until they are ended; after a plan of the paper's case."""
     begin = f'pinograsp() {{ {shlex.quote(sys.executable)} -m pinograsp.cli "$@"; }}\n'
     own = [line for name, line in examples() if name in commands and (name != "view" or "--html" in line)]
     for line in own if commands == ("plan",) else ["pinograsp plan paper", *own]:

@@ -537,10 +537,10 @@ def test_older_records_have_a_motor_at_each_joint(tmp_path):
     ("change", "message"),
     [
         ({"drives": {}}, "hand record: drives: expected a list"),
-        ({"drives": [3]}, "hand record: drives[0]: name: expected a text"),
+        ({"drives": [3]}, "hand record: drives[0]: drive: expected a mapping"),
         (
             {"drives": [{"name": "d", "joints": ["l1"], "arms": [1], "control": "x"}]},
-            "drives[0]: control: expected one",
+            "control of drive 'd': expected one",
         ),
         ({"drives": [{"name": "d", "joints": ["x"], "arms": [1], "control": "jaw"}]}, "joint of drive 'd'"),
         ({"drives": [{"name": "d", "joints": ["l1"], "arms": ["a"], "control": "jaw"}]}, "arms of drive 'd'"),
@@ -579,6 +579,12 @@ def test_descriptions_list_the_drives(tmp_path):
         "efforts": None,
         "step": None,
         "floor": 0.0,
+        "continuous": None,
+        "effort_step": None,
+        "backlash": None,
+        "friction": None,
+        "latency": None,
+        "closing": None,
         "sources": [],
     }
     assert data["drives"][1]["limit"] is None

@@ -1,0 +1,157 @@
+"""Commands in the units of the drives' registers: steps of encoders, units of effort, speeds and limits of closings."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from pinograsp.checks import path_of
+from pinograsp.errors import InvalidInput
+from pinograsp.handover.jaws import group_contacts
+from pinograsp.handover.trajectory import JointTrajectory
+from pinograsp.hands import HandModel
+from pinograsp.hands.closing_table import ClosingCommand
+from pinograsp.plan import PlanRecord
+from pinograsp.spatial import Array
+from pinograsp.words import no_formula
+from pinograsp.writing import write_file
+
+Units: TypeAlias = Literal["SI", "register"]
+
+_STEPS = 2  # of a register: below, what comes is another force
+_PRESSES = 1e-6  # share of the largest effort: less does not press
+
+
+class FingerClosing(NamedTuple):
+    """What a drive is sent whose finger closes on the object until a force limit.
+
+    Attributes:
+        drive: its name.
+        force: that the plan has of the fingers which it moves [N].
+        command: closing speed, force limit and the force to expect, by the drive's closing table.
+    """
+
+    drive: str
+    force: float
+    command: ClosingCommand
+
+
+def closing_commands(plan: PlanRecord) -> tuple[FingerClosing, ...]:
+    """Speed and limit of each drive whose closing table is known and whose finger touches the object.
+
+    The force of a finger is the sum of its contacts' normal forces, taken as if it pressed on a stop.
+
+    Raises:
+        InvalidInput: no drive with a closing table in newtons that touches; a force that it does not make.
+    """
+    hand = plan.require_hand()
+    parts = group_contacts(hand, plan.contacts.links)
+    found = []
+    for drive in hand.drives:
+        fingers = [finger.name for finger in hand.fingers if set(finger.actuated) & set(drive.joints)]
+        force = float(sum(plan.forces.normal_forces[parts.get(name, [])].sum() for name in fingers))
+        if drive.closing is None or force <= 0:
+            continue
+        if drive.closing.unit != "N":
+            raise InvalidInput(
+                f"drive {drive.name}: expected a closing table in newtons, got one in counts: press on a scale, and "
+                "identify it with --newtons"
+            )
+        try:
+            found.append(FingerClosing(drive.name, force, drive.closing.find_command(force)))
+        except InvalidInput as error:
+            raise InvalidInput(
+                f"drive {drive.name}: {error}: plan for more (a larger reserve), or leave its finger out (wishes)"
+            ) from None
+    if not found:
+        raise InvalidInput(
+            "units='register' with command='jaw': expected a drive with a closing table whose finger touches the "
+            "object, got none: take a data sheet that has one, as inspire_rh56, or identify it from logs"
+        )
+    return tuple(found)
+
+
+def write_closings(closings: Sequence[FingerClosing], path: str | Path) -> None:
+    """Write a line per drive: ``drive``, ``speed``, ``limit`` [register units], ``force_N`` of the plan, and
+    ``expected_N``, ``low_N``, ``high_N`` of the closing table.
+
+    Raises:
+        ResultsNotWritten: the place cannot be written.
+    """
+    rows = [
+        [no_formula(one.drive), _tidy(one.command.speed), _tidy(one.command.limit), one.force, *one.command.peak]
+        for one in closings
+    ]
+    _write(path, ["drive", "speed", "limit", "force_N", "expected_N", "low_N", "high_N"], rows)
+
+
+def write_registers(hand: HandModel, drives: JointTrajectory, path: str | Path, *, efforts: bool) -> tuple[str, ...]:
+    """Write a trajectory of drives in whole register units: ``time``, and by drive ``DRIVE/position`` [encoder steps
+    from where its coordinate is zero] and ``DRIVE/effort`` [units of its effort register].
+
+    Args:
+        hand: whose drives these are.
+        drives: of :func:`~pinograsp.handover.drive_commands`.
+        path: an existing file is replaced.
+        efforts: whether efforts are commanded: with columns of their own; else positions alone.
+
+    Returns:
+        What rounding costs, for each drive that presses: a unit as a share of what it holds with.
+
+    Raises:
+        InvalidInput: drives whose encoder step, or whose effort step, is not known. ResultsNotWritten.
+    """
+    positions = [drive.step for drive in hand.drives]
+    steps = [drive.effort_step for drive in hand.drives]
+    wanted = {"effort_step": steps} if efforts and not any(positions) else {"step": positions}
+    if efforts:
+        wanted["effort_step"] = steps
+    for figure, values in wanted.items():
+        if missing := [drive.name for drive, value in zip(hand.drives, values) if value is None]:
+            raise InvalidInput(
+                f"units='register': expected drives whose {figure} is known, got none for {', '.join(missing[:4])}"
+                f"{' and more' if len(missing) > 4 else ''}: give a data sheet that has it, as leap, or a file"
+            )
+    head, columns, notes = ["time"], [], list[str]()
+    if "step" in wanted:
+        head += [f"{no_formula(name)}/position" for name in drives.names]
+        columns.append(np.rint(drives.q / np.array(positions, dtype=float)))
+    if efforts:
+        head += [f"{no_formula(name)}/effort" for name in drives.names]
+        columns.append(np.rint(drives.effort / np.array(steps, dtype=float)))
+        notes = _tell_rounding(hand, np.abs(drives.effort[-1]), np.array(steps, dtype=float))
+    whole = np.column_stack(columns).astype(int).tolist()
+    _write(path, head, [[time, *row] for time, row in zip(drives.times.tolist(), whole)])
+    return tuple(notes)
+
+
+def _tell_rounding(hand: HandModel, held: Array, steps: Array) -> list[str]:
+    """What a unit of the effort registers is of the efforts (m,) that drives hold with."""
+    pressing = held > _PRESSES * held.max()
+    if not pressing.any():
+        return []
+    share = 100 * steps[pressing] / held[pressing]
+    notes = [f"a unit of the effort registers is {share.min():.2g} to {share.max():.2g} % of what the drives hold with"]
+    for i in np.flatnonzero(pressing & (held < _STEPS * steps)).tolist():
+        notes.append(
+            f"drive {hand.drives[i].name} holds with {held[i] / steps[i]:.2g} units of its register: rounding changes "
+            f"its effort by up to {50 * steps[i] / held[i]:.0f} %"
+        )
+    return notes
+
+
+def _tidy(value: float) -> int | float:
+    return round(value) if value == round(value) else round(value, 1)
+
+
+def _write(path: str | Path, head: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    written = io.StringIO()
+    table = csv.writer(written, lineterminator="\n")
+    table.writerow(head)
+    table.writerows(rows)
+    write_file(path_of("path", path), written.getvalue().encode())
