@@ -54,7 +54,17 @@ ROOMS = [
     "cli",
 ]
 OWNERS = {
-    "pinocchio": {"hands", "contacts", "motion", "data", "synthesis", "simulation", "certification", "carry"},
+    "pinocchio": {
+        "hands",
+        "contacts",
+        "motion",
+        "identification",
+        "data",
+        "synthesis",
+        "simulation",
+        "certification",
+        "carry",
+    },
     "coacd": {"objects"},
     "coal": {"hands", "objects", "contacts", "simulation"},
     "mujoco": {"hands", "objects", "simulation", "handover"},

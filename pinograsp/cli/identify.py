@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pinograsp.cli import completion
 from pinograsp.cli.options import read_numbers, read_pairs, refuse_existing
 from pinograsp.cli.screen import RIGHT, Fact, print_table, show
 from pinograsp.cli.session import Session, option
@@ -37,6 +38,10 @@ class LogOptions:
         "--unit",
         metavar="QUANTITY=UNIT",
     )
+    hand: str | None = _log(
+        "Hand that moved freely: the log has columns JOINT/position \\[rad or m] and DRIVE/effort \\[register units].",
+        complete=completion.complete_hands,
+    )
     newtons: str | None = _log(
         "Newtons of force in counts: slope and offset, as a scale tells.", metavar="SLOPE,OFFSET"
     )
@@ -59,27 +64,85 @@ class SheetOptions:
 
 def identify(
     *,
-    logs: Annotated[list[Path], typer.Argument(help="Logs of a finger that closes on a stop: CSV (.gz), Parquet.")],
+    logs: Annotated[list[Path], typer.Argument(help="Logs: CSV (.gz), Parquet.")],
     reading: LogOptions,
     sheet: SheetOptions,
     session: Session,
 ) -> None:
-    """Identify how hard a real finger presses, from logs of it closing on a stop: by speed and force limit.
+    """Identify how hard a real finger presses, from logs of it closing on a stop: by speed and force limit. With
+    --hand: what its drives make of their registers, from a log of its free motion.
 
     Examples:
       pinograsp identify log.csv --unit position=count --unit force=count
 
+      pinograsp identify motion.csv --hand allegro_right --out drives.toml
+
     With --newtons 0.0065,0.02 forces are in newtons, --cap 4 tells the fastest touch under 4 N, and --out
     hand.drives.toml writes a data sheet, which plans read beside hand.urdf.
     """
-    from pinograsp.hands.sheets import write_closing
-    from pinograsp.identification import identify_closings, read_log
-    from pinograsp.writing import write_file
-
     if sheet.out is not None:
         if sheet.out.suffix != ".toml":
             raise InvalidInput(f"--out: expected a name that ends in .toml, got '{sheet.out.name}'")
         refuse_existing("--out", sheet.out, sheet.overwrite)
+    if reading.hand is not None:
+        _identify_drives(logs, reading, sheet, session)
+    else:
+        _identify_closings(logs, reading, sheet, session)
+
+
+def _identify_drives(logs: list[Path], reading: LogOptions, sheet: SheetOptions, session: Session) -> None:
+    from pinograsp.hands import load_hand
+    from pinograsp.hands.sheets import write_sheet
+    from pinograsp.identification import apply_fits, identify_motion, read_motion
+    from pinograsp.writing import write_file
+
+    useless = {"--column": reading.columns, "--unit": reading.units, "--newtons": reading.newtons, "--cap": sheet.cap}
+    useless |= {"--for-force": sheet.force, "--drive": None if sheet.drive == "*" else sheet.drive}
+    if typed := [name for name, value in useless.items() if value]:
+        raise InvalidInput(f"{', '.join(typed)}: expected for closings on a stop, got them with --hand")
+    if len(logs) != 1:
+        raise InvalidInput(f"--hand: expected one log, got {len(logs)}")
+    hand = load_hand(str(reading.hand))
+    found = identify_motion(hand, read_motion(logs[0], hand))
+    if sheet.out is not None:
+        identified = apply_fits(hand.drives, found.drives, f"identified from {logs[0].name}")
+        write_file(sheet.out, write_sheet(identified, hand.name).encode())
+    if session.as_json:
+        plain = {
+            name: {key: _plain(value) for key, value in fit._asdict().items()} for name, fit in found.drives.items()
+        }
+        session.print_json({"drives": plain, "unknown": dict(found.unknown)})
+        return
+    print_table(
+        {"drive": {}, **dict.fromkeys(("a unit makes", "95 % from", "to", "friction", "by load", "delay [s]"), RIGHT)},
+        [
+            [
+                name,
+                *(f"{one:.4g}" for one in fit.effort_step),
+                f"{fit.friction.value:.3g}",
+                f"{100 * (fit.load_friction.value + fit.outer_friction.value):.3g} %",
+                f"{fit.delay:.3g}",
+            ]
+            for name, fit in found.drives.items()
+        ],
+    )
+    answers: list[Fact] = [("What is known?", f"{len(found.drives)} of {len(hand.drives)} drives")]
+    show(
+        [("cannot tell", f"{name}: {why}") for name, why in found.unknown.items()],
+        answers if sheet.out is None else [*answers, ("Written", str(sheet.out))],
+        more="" if session.verbose else "more: with -v",
+    )
+
+
+def _plain(value: Estimate | float) -> Any:
+    return value if isinstance(value, float) else value._asdict()
+
+
+def _identify_closings(logs: list[Path], reading: LogOptions, sheet: SheetOptions, session: Session) -> None:
+    from pinograsp.hands.sheets import write_closing
+    from pinograsp.identification import identify_closings, read_log
+    from pinograsp.writing import write_file
+
     newtons = None if reading.newtons is None else read_numbers("--newtons", reading.newtons, (2,), "slope and offset")
     columns, units = read_pairs("--column", reading.columns), read_pairs("--unit", reading.units)
     found = identify_closings([read_log(log, columns=columns, units=units) for log in logs], newtons=newtons)

@@ -2,17 +2,35 @@
 
 from pinograsp.identification.closings import ContactFit, Estimate, IdentifiedClosings, identify_closings
 from pinograsp.identification.logs import Log, read_log
+from pinograsp.identification.motion import (
+    DriveFit,
+    IdentifiedMotion,
+    MotionLog,
+    apply_fits,
+    identify_friction,
+    identify_load,
+    identify_motion,
+    read_motion,
+)
 from pinograsp.identification.servos import Motor, identify_servo_stiffness, read_bam, read_duty
 
 __all__ = [
     "ContactFit",
+    "DriveFit",
     "Estimate",
     "IdentifiedClosings",
+    "IdentifiedMotion",
     "Log",
+    "MotionLog",
     "Motor",
+    "apply_fits",
     "identify_closings",
+    "identify_friction",
+    "identify_load",
+    "identify_motion",
     "identify_servo_stiffness",
     "read_bam",
     "read_duty",
     "read_log",
+    "read_motion",
 ]

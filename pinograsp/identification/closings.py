@@ -45,6 +45,7 @@ class ContactFit:
         start: position where the force begins.
         stiffness, exponent: K [force per way^rho] and rho.
         error: median relative error of the forces [-].
+        fits: start, K and rho (f, 3), of all closings first, then of those that the bootstrap drew.
     """
 
     positions: Array
@@ -53,10 +54,11 @@ class ContactFit:
     stiffness: Estimate
     exponent: Estimate
     error: float
+    fits: Array
 
     __repr__ = brief("start", "stiffness", "exponent", "error")
 
-    def slope(self, force: float) -> float:
+    def slope(self, force: float) -> Estimate:
         """dF/dx at a force within those of the closings [force unit per position unit]: known well, also where start
         and exponent are not, which trade off against each other.
 
@@ -64,8 +66,10 @@ class ContactFit:
             InvalidInput: a force beyond them.
         """
         force = number("force", force, at_least=float(self.forces.min()), at_most=float(self.forces.max()))
-        rho = self.exponent.value
-        return float(rho * self.stiffness.value ** (1 / rho) * force ** (1 - 1 / rho))
+        k, rho = self.fits[:, 1], self.fits[:, 2]
+        slopes = rho * k ** (1 / rho) * force ** (1 - 1 / rho)
+        low, high = np.quantile(slopes, _INTERVAL)
+        return Estimate(float(slopes[0]), float(min(low, slopes[0])), float(max(high, slopes[0])))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -302,6 +306,7 @@ def _fit_contact(closings: list[_Closing], rng: np.random.Generator) -> ContactF
         stiffness=stiffness,
         exponent=exponent,
         error=float(np.median(np.abs(modelled / f - 1))),
+        fits=read_only(np.array(fits)),
     )
 
 

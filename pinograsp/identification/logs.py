@@ -6,7 +6,7 @@ import csv
 import difflib
 import gzip
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
@@ -20,7 +20,7 @@ from pinograsp.spatial import Array
 Quantity: TypeAlias = Literal["time", "position", "force", "speed", "limit"]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 # How many of the unit in which a quantity is kept one of the unit in a file is. Register units stay as they are.
-UNITS: dict[Quantity, dict[str, float]] = {
+UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "position": {"count": 1.0, "rad": 1.0, "deg": math.pi / 180, "m": 1.0, "mm": 1e-3},
     "force": {"count": 1.0, "N": 1.0, "mN": 1e-3, "gf": 9.80665e-3},
@@ -81,14 +81,14 @@ def read_log(
     given = mapping_of("units", {} if units is None else units, "a unit for each quantity")
     for quantity in given:
         one_of("units", quantity, tuple(UNITS))
-    taken = {quantity: one_of(f"unit of {quantity}", unit, UNITS[quantity]) for quantity, unit in given.items()}  # type: ignore[index]
+    taken = {quantity: one_of(f"unit of {quantity}", unit, UNITS[quantity]) for quantity, unit in given.items()}
     for quantity, meaning in _ASKED.items():
         if quantity not in taken:
             raise InvalidInput(
-                f"unit of {quantity}: expected one of {', '.join(UNITS[quantity])} ({meaning}), got none: a log does "  # type: ignore[index]
+                f"unit of {quantity}: expected one of {', '.join(UNITS[quantity])} ({meaning}), got none: a log does "
                 "not say it, whatever its column is called; take 'count' for numbers of a register"
             )
-    table = _read_columns(path, _choose(columns))
+    table = _choose_columns(path, _choose(columns))
     found: dict[str, Array | None] = {}
     for quantity in QUANTITIES:
         values = table[quantity]
@@ -114,8 +114,12 @@ def _choose(columns: Mapping[str, str] | None) -> dict[Quantity, str]:
     return {quantity: str(names.get(quantity, quantity)) for quantity in QUANTITIES}
 
 
-def _read_columns(path: Path, names: dict[Quantity, str]) -> dict[Quantity, Array | None]:
-    """The columns of a file by quantity (s,), finite."""
+def read_columns(path: Path, names: Iterable[str], needed: Iterable[str] = ()) -> dict[str, Array]:
+    """Those of the columns that a table has, {name: (s,)}, finite.
+
+    Raises:
+        InvalidInput: no table, fewer than two samples, no ``needed`` column, cells that are no numbers.
+    """
     try:
         header, cells = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
     except (OSError, EOFError, UnicodeDecodeError, csv.Error) as error:
@@ -123,22 +127,25 @@ def _read_columns(path: Path, names: dict[Quantity, str]) -> dict[Quantity, Arra
     length = max((len(cells(name)) for name in header[:1]), default=0)
     if not 2 <= length <= _MOST:
         raise InvalidInput(f"log {path}: expected 2 to {_MOST} samples, got {length}")
-    table: dict[Quantity, Array | None] = {}
-    for quantity, name in names.items():
-        if name in header:
-            table[quantity] = _numbers(path, name, cells(name))
-        elif quantity in _COMMANDS and name == quantity:
-            table[quantity] = None
-        elif quantity in _COMMANDS and _is_number(name):
-            table[quantity] = np.full(length, float(name))
-        else:
+    for name in needed:
+        if name not in header:
             near = difflib.get_close_matches(name, header, n=1, cutoff=0.4)
             hint = f"; did you mean '{near[0]}'?" if near else ""
             raise InvalidInput(
-                f"log {path}: expected a column '{name}' for {quantity}, got {shorten(', '.join(header))}{hint}: name "
-                f"it as {quantity}=COLUMN"
+                f"log {path}: expected a column '{name}', got {shorten(', '.join(header))}{hint}: name it, "
+                "QUANTITY=COLUMN"
             )
-    return table
+    return {name: _numbers(path, name, cells(name)) for name in names if name in header}
+
+
+def _choose_columns(path: Path, names: dict[Quantity, str]) -> dict[Quantity, Array | None]:
+    """The columns of a file by quantity (s,)."""
+    # A command may be a number for the whole file, or not be there where nobody named its column.
+    fixed = {key: float(name) for key, name in names.items() if key in _COMMANDS and _is_number(name)}
+    needed = [name for key, name in names.items() if key not in fixed and (key not in _COMMANDS or name != key)]
+    columns = read_columns(path, names.values(), needed)
+    length = len(next(iter(columns.values())))
+    return {key: np.full(length, fixed[key]) if key in fixed else columns.get(name) for key, name in names.items()}
 
 
 def _read_csv(path: Path):  # type: ignore[no-untyped-def]
@@ -210,7 +217,7 @@ def _check(log: Log, units: Mapping[str, str]) -> None:
                 f"log {log.source}: expected {quantity} in {unit}, got up to {most:g} {log.units[quantity]}, which no "
                 "hand has: are these counts of a register?"
             )
-        raw = values / UNITS[quantity][unit]  # type: ignore[index]
+        raw = values / UNITS[quantity][unit]
         different = np.unique(raw)
         if unit in ("N", "rad", "m") and len(different) >= _WHOLE and np.all(different == np.round(different)):
             raise InvalidInput(
