@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.actuation.compliant_hand import CompliantHand
 from pinograsp.actuation.squeeze import NEGLIGIBLE, Squeeze
-from pinograsp.checks import array_of, brief, frozen, number, share_of, shorten
+from pinograsp.checks import array_of, brief, each_of, frozen, number, share_of, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceSolution, SqueezeScenario
 from pinograsp.spatial import Array, BoolArray
@@ -146,7 +146,7 @@ def stiffness_scenarios(
 
 
 def drive_scenarios(
-    solution: ForceSolution, hand: CompliantHand, share: float, *, tangential_ratio: float = 2 / 3
+    solution: ForceSolution, hand: CompliantHand, share: ArrayLike, *, tangential_ratio: float = 2 / 3
 ) -> tuple[SqueezeScenario, ...]:
     """What the normal forces of a squeeze near ``solution`` become where drives make other efforts than they are told.
 
@@ -157,18 +157,20 @@ def drive_scenarios(
     Args:
         solution: forces with their problem.
         hand: that touches there, with its servo gains.
-        share: of an effort that may be missing or too much, below 1 [-].
+        share: of an effort that may be missing or too much, below 1, one number or one for each drive (m,) [-].
         tangential_ratio: as for :func:`force_band`.
 
     Raises:
         InvalidInput: as for :func:`force_band`, or a share that cannot be used.
     """
-    share = share_of("share of the drives' efforts", share)
+    each = each_of("share of the drives' efforts", share, hand.m)
+    for one in each.tolist():
+        share_of("share of the drives' efforts", one)
     squeeze = Squeeze.of(solution, hand, tangential_ratio)
     pressing = np.abs(hand.jacobian @ hand.transmission).max(axis=0) > 0
     alone = np.eye(hand.m)[hand.yielding & pressing]
     which = np.vstack([np.ones((1, hand.m)), alone]) if len(alone) > 1 else np.ones((1, hand.m))
-    shares = [1.0 + sign * share * one for one in which for sign in (-1.0, 1.0)]
+    shares = [1.0 + sign * each * one for one in which for sign in (-1.0, 1.0)]
     return tuple(_linearise(squeeze.with_drives(hand, one), 1.0) for one in shares)
 
 

@@ -33,7 +33,7 @@ class ReserveSection(CaseSection):
     torque: Share = Reserve().torque
     softer: Times = Reserve().softer
     stiffer: Times = Reserve().stiffer
-    drive: Share = Reserve().drive
+    drive: Share | Literal["sheet"] = 0.0
 
     def make(self, tasks: Sequence[TaskSection] = ()) -> Reserve:
         """As the plan takes it."""

@@ -44,17 +44,17 @@ class FingerClosing(NamedTuple):
 def closing_commands(plan: PlanRecord) -> tuple[FingerClosing, ...]:
     """Speed and limit of each drive whose closing table is known and whose finger touches the object.
 
-    The force of a finger is the sum of its contacts' normal forces, taken as if it pressed on a stop.
+    The force of a finger is the sum of its contacts' normal forces, taken as if it pressed on a stop; that of a drive
+    of several fingers, as of two jaws, is the largest of them.
 
     Raises:
         InvalidInput: no drive with a closing table in newtons that touches; a force that it does not make.
     """
     hand = plan.require_hand()
-    parts = group_contacts(hand, plan.contacts.links)
+    forces = press_of_drives(hand, plan.contacts.links, plan.forces.normal_forces)
     found = []
     for drive in hand.drives:
-        fingers = [finger.name for finger in hand.fingers if set(finger.actuated) & set(drive.joints)]
-        force = float(sum(plan.forces.normal_forces[parts.get(name, [])].sum() for name in fingers))
+        force = forces[drive.name]
         if drive.closing is None or force <= 0:
             continue
         if drive.closing.unit != "N":
@@ -74,6 +74,22 @@ def closing_commands(plan: PlanRecord) -> tuple[FingerClosing, ...]:
             "object, got none: take a data sheet that has one, as inspire_rh56, or identify it from logs"
         )
     return tuple(found)
+
+
+def press_of_drives(hand: HandModel, links: Sequence[str], forces: Array) -> dict[str, float]:
+    """By drive, the largest force of its fingers [N], from the normal forces (k,) of contacts on links."""
+    parts = group_contacts(hand, links)
+    return {
+        drive.name: max(
+            (
+                float(forces[parts.get(finger.name, [])].sum())
+                for finger in hand.fingers
+                if set(finger.actuated) & set(drive.joints)
+            ),
+            default=0.0,
+        )
+        for drive in hand.drives
+    }
 
 
 def write_closings(closings: Sequence[FingerClosing], path: str | Path) -> None:

@@ -16,6 +16,10 @@ SHORTFALL = 0.05
 _ROUNDING = 1e-3  # share of the largest effort: forces lie on their limits
 _STEPS = 2.0  # of an encoder: a servo that is sent less makes its force by chance
 _AT_STOP = 1e-3  # of its range: a joint that is so near its end rests on it
+_UNKNOWN, _MOST_OFF = (
+    0.3,
+    0.95,
+)  # by which share efforts are off: where nobody has measured it; that squeezes are asked for
 _BEARS = 0.05  # of the largest effort: drives that make less do not matter
 
 
@@ -127,3 +131,16 @@ def below_steps(hand: HandModel, efforts: Array, stiffness: Array) -> list[str]:
                 "harder, or take softer servos"
             )
     return found
+
+
+def effort_shares(hand: HandModel) -> Array:
+    """By which share the torque at each joint may be off what its drives are told (n,) [-]: what the intervals of their
+    ``effort_step`` leave open; 0.3 where that is not known.
+    """
+    shares = np.zeros(hand.n)
+    for row, drive in zip(hand.transmission, hand.drives):
+        source, share = drive.source("effort_step"), _UNKNOWN
+        if drive.effort_step is not None and source is not None and source.interval is not None:
+            share = min(max(abs(end / drive.effort_step - 1.0) for end in source.interval), _MOST_OFF)
+        shares = np.maximum(shares, np.where(row != 0, share, 0.0))
+    return shares

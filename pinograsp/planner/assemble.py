@@ -27,6 +27,7 @@ from pinograsp.forces import (
     RobustForces,
 )
 from pinograsp.hands import HandModel, servo_gains
+from pinograsp.hands.efforts import effort_shares
 from pinograsp.motion.torques import drives_limit
 from pinograsp.objects.body import Body
 from pinograsp.plan import (
@@ -141,7 +142,9 @@ def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion, unstable
     return replace(motion, status=Status.DOUBTFUL, remedy=remedy)
 
 
-def record_reserve(reserve: Reserve, squeeze: RobustForces, tried: int, unrestricted: float) -> PlanReserve:
+def record_reserve(
+    reserve: Reserve, squeeze: RobustForces, hand: HandModel, tried: int, unrestricted: float
+) -> PlanReserve:
     """The record of the reserve that a squeeze withstands; ``tried``: impact times in all rounds.
 
     ``unrestricted``: lower bound of the objective of a hand that could make any forces.
@@ -159,7 +162,7 @@ def record_reserve(reserve: Reserve, squeeze: RobustForces, tried: int, unrestri
         torque=reserve.torque,
         softer=reserve.softer,
         stiffer=reserve.stiffer,
-        drive=reserve.drive,
+        drive=float(effort_shares(hand).max(initial=0.0)) if reserve.drive == "sheet" else reserve.drive,
         tasks=tuple(task.describe() for task in reserve.tasks),
         loads=len(squeeze.load_set.loads),
         impact_times=tried,

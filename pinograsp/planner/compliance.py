@@ -18,6 +18,7 @@ from pinograsp.actuation import (
 )
 from pinograsp.forces import ForceSolution, Reserve, SqueezeScenario
 from pinograsp.hands import HandModel, servo_gains
+from pinograsp.hands.efforts import effort_shares
 from pinograsp.motion.holding import AWAY, compliant_hand, held_stiffness, push_away
 from pinograsp.plan import StiffnessBand
 from pinograsp.spatial import Array
@@ -48,7 +49,8 @@ def find_scenarios(hand: HandModel, solution: ForceSolution, q: Array, reserve: 
     """
     yielding = _yielding_hand(hand, solution, q, servo_gains(hand))
     found = stiffness_scenarios(solution, yielding, reserve.stiffness_factors) if reserve.stiffness_factors else ()
-    return found + (drive_scenarios(solution, yielding, reserve.drive) if reserve.drive else ())
+    share = effort_shares(hand) if reserve.drive == "sheet" else reserve.drive
+    return found + (drive_scenarios(solution, yielding, share) if np.any(share) else ())
 
 
 def find_gains(hand: HandModel, solution: ForceSolution, q: Array, tolerance: float, factors: ArrayLike) -> GainLimit:

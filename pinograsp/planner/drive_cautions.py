@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pinograsp.forces import ForceSolution
+from pinograsp.handover.registers import press_of_drives
 from pinograsp.hands import HandModel
 from pinograsp.hands.efforts import SHORTFALL, below_steps, exceed_ways, solve_efforts
 from pinograsp.hands.servos import unknown_stiffness
@@ -56,6 +57,16 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
                 f"drive {drive.name} presses with {drive.floor:.3g} at least, and the plan with {effort:.3g}: its "
                 f"contacts get {drive.floor / effort:.2g} times these forces; plan for more (a larger reserve), or "
                 "take a gentler hand where the object is fragile"
+            )
+    contacts = solution.problem.contacts
+    pressing = press_of_drives(hand, [contact.link for contact in contacts], solution.normal_forces)
+    for drive in hand.drives:
+        least, force = 0.0 if drive.closing is None else min(drive.closing.peaks), pressing[drive.name]
+        if drive.closing is not None and drive.closing.unit == "N" and 0 < force < least * (1 - _ROUNDING):
+            yield (
+                f"drive {drive.name} closes with {least:.3g} N at least, and the plan has {force:.3g} N of its finger: "
+                f"{least / force:.2g} times this comes; plan for more (a larger reserve), or take a gentler hand where "
+                "the object is fragile"
             )
     stiffness = [drive.stiffness if drive.control == "position" else None for drive in hand.drives]
     yield from below_steps(hand, held, np.array(stiffness, dtype=float))

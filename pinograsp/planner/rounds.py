@@ -223,7 +223,7 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
             break
         squeeze, forces, motion = coming
         tried += squeeze.tried
-    record = record_reserve(reserve, squeeze, tried, least)
+    record = record_reserve(reserve, squeeze, hand, tried, least)
     return ForcesAndMotion(forces=forces, motion=motion, elapsed=watch.elapsed, reserve=record)
 
 

@@ -113,3 +113,12 @@ def test_more_than_a_drive_holds_for_long_and_less_than_its_backlash_are_caution
     loose = pg.load_hand("so101").with_drives([replace(drive, backlash=1.0)])
     grasps = pg.find_grasps(loose, pg.Sphere(radius=0.02, mass=0.05), CONDITIONS, count=4, seed=1)
     assert any("backlash" in caution for caution in plan_best(grasps, CONDITIONS).cautions)
+
+
+def test_grippers_that_cannot_press_so_gently_say_so():
+    hand, conditions = pg.load_hand("panda", drives="robotiq_2f85"), pg.GraspConditions(mu=0.6)
+    for mass, gentle in ((0.1, True), (1.6, False)):
+        grasps = pg.find_grasps(hand, pg.Box(size=(0.04, 0.04, 0.06), mass=mass), conditions, count=4, seed=1)
+        held = plan_best(grasps, conditions)
+        assert (held.forces.normal_forces.sum() / 2 < 20) == gentle
+        assert any("closes with 20 N at least" in text for text in held.cautions) == gentle

@@ -16,6 +16,7 @@ from pinograsp.hands.catalogue import CATALOGUE, file_of
 from pinograsp.hands.closing_table import ClosingTable
 from pinograsp.hands.record import hand_of, hand_record
 from pinograsp.hands.sheets import list_sheets, read_sheet, write_sheet
+from pinograsp.planner import plan_best
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
@@ -133,3 +134,21 @@ def test_missing_sheets_are_refused_with_those_there_are(tmp_path):
         pg.load_hand("so101", drives="leep")
     with pytest.raises(InvalidInput, match="cannot read it"):
         pg.load_hand("so101", drives=tmp_path / "none.toml")
+
+
+def test_reserves_take_the_intervals_of_sheets(tmp_path):
+    """Jaws that may be 20 % weak press with a fifth more, and with 0.3 where nobody has measured it."""
+    body, sums = pg.Box(size=(0.04, 0.04, 0.06), mass=0.2), {}
+    sheet = '[[drives]]\nname = "jaws"\neffort_step = 1.0\n[[drives.sources]]\nfigure = "effort_step"\ntext = "a log"\n'
+    for name, more in (("known", "interval = [0.8, 1.1]\n"), ("not known", "")):
+        (tmp_path / "a.toml").write_text(sheet + more)
+        hand = pg.load_hand("panda", drives=tmp_path / "a.toml")
+        hand = hand.with_drives([replace(hand.drives[0], control="torque")])
+        for drive in ("sheet", {"known": 0.2, "not known": 0.3}[name]):
+            conditions = pg.GraspConditions(mu=0.5, reserve=pg.Reserve(drive=drive))
+            plan = plan_best(pg.find_grasps(hand, body, conditions, count=2, seed=1), conditions)
+            sums.setdefault(name, []).append(plan.forces.normal_forces.sum())
+            assert plan.reserve.drive == pytest.approx({"known": 0.2, "not known": 0.3}[name])
+        assert sums[name][0] == pytest.approx(sums[name][1], rel=1e-3)
+    with pytest.raises(InvalidInput, match="share"):
+        pg.Reserve(drive="guess")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,6 +39,8 @@ class Reserve:
         stiffer: or stiffer by this factor [-].
         drive: share by which the drives' efforts may be off what they are told, all of them together or each alone, and
             all of the above is borne there, too [-]; what a squeeze becomes depends on the servos there as well.
+            ``"sheet"``: each drive's own, the interval of its ``effort_step``, 0.3 where none is known
+            (:func:`~pinograsp.hands.efforts.effort_shares`).
         tasks: what is done with the object: loads that are borne, too, each without the disturbance.
     """
 
@@ -49,7 +52,7 @@ class Reserve:
     torque: float = 0.1
     softer: float = 1.0
     stiffer: float = 1.0
-    drive: float = 0.0
+    drive: float | Literal["sheet"] = 0.0
     tasks: tuple[Task, ...] = ()
 
     __repr__ = brief()
@@ -67,7 +70,8 @@ class Reserve:
         put("torque", share_of("reserve: torque", self.torque))
         put("softer", number("reserve: softer", self.softer, at_least=1, at_most=_FARTHEST_OFF))
         put("stiffer", number("reserve: stiffer", self.stiffer, at_least=1, at_most=_FARTHEST_OFF))
-        put("drive", share_of("reserve: drive", self.drive))
+        if self.drive != "sheet":
+            put("drive", share_of("reserve: drive (a share, or 'sheet')", self.drive))
         object.__setattr__(self, "tasks", items_of("reserve: tasks", self.tasks, Task))
 
     @classmethod
@@ -83,7 +87,7 @@ class Reserve:
     @property
     def has_scenarios(self) -> bool:
         """Whether the squeeze is to withstand all of it on other contacts, or from other drives, as well."""
-        return bool(self.stiffness_factors) or self.drive > 0
+        return bool(self.stiffness_factors) or self.drive != 0
 
     def arm(self, body: Body) -> float:
         """The arm of the moments for a body [m]."""
