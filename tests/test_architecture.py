@@ -75,6 +75,7 @@ OWNERS = {
     "xacro": {"hands"},
     "simpleeval": {"hands"},
     "tomlkit": {"hands"},
+    "rosbags": {"identification"},
     "qpsolvers": {"forces"},
     "daqp": {"forces"},
     "clarabel": {"forces", "carry"},

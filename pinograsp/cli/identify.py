@@ -64,7 +64,7 @@ class SheetOptions:
 
 def identify(
     *,
-    logs: Annotated[list[Path], typer.Argument(help="Logs: CSV (.gz), Parquet.")],
+    logs: Annotated[list[Path], typer.Argument(help="Logs: CSV (.gz), Parquet, bags of ROS 1 and 2.")],
     reading: LogOptions,
     sheet: SheetOptions,
     session: Session,

@@ -15,6 +15,7 @@ import numpy as np
 
 from pinograsp.checks import brief, mapping_of, one_line, one_of, path_of, read_only, shorten
 from pinograsp.errors import ExtraMissing, InvalidInput
+from pinograsp.identification.bags import is_bag, read_bag
 from pinograsp.spatial import Array
 
 Quantity: TypeAlias = Literal["time", "position", "force", "speed", "limit"]
@@ -63,10 +64,11 @@ class Log:
 def read_log(
     path: str | Path, *, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
 ) -> Log:
-    """Read a log of one finger or joint: a CSV file, packed by gzip or not, or Parquet.
+    """Read a log of one finger or joint: a CSV file, packed by gzip or not, Parquet, or a bag of ROS.
 
     Args:
-        path: the file; its first line names the columns.
+        path: the file; its first line names the columns. Cells of Parquet that are lists, as LeRobot has them, are
+            columns ``NAME[0]``, ``NAME[1]``; bags have those of :func:`~pinograsp.identification.bags.read_bag`.
         columns: the file's name of each quantity, ``{"force": "Middle_Force_g"}``; a quantity that is not given is
             the column of its own name: ``time``, ``position``, ``force``, ``speed``, ``limit``. The last two
             may be missing, or be a number that holds for the whole file: ``{"speed": "250"}``.
@@ -75,7 +77,7 @@ def read_log(
     Raises:
         InvalidInput: columns that the file has not, units that are not told or that the numbers belie, cells that are
             no finite numbers, time that does not rise.
-        ExtraMissing: Parquet without pyarrow.
+        ExtraMissing: Parquet without pyarrow, bags without rosbags.
     """
     path = path_of("log", path)
     given = mapping_of("units", {} if units is None else units, "a unit for each quantity")
@@ -121,7 +123,7 @@ def read_columns(path: Path, names: Iterable[str], needed: Iterable[str] = ()) -
         InvalidInput: no table, fewer than two samples, no ``needed`` column, cells that are no numbers.
     """
     try:
-        header, cells = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
+        header, cells = _read_table(path)
     except (OSError, EOFError, UnicodeDecodeError, csv.Error) as error:
         raise InvalidInput(f"log {path}: expected a table, got {one_line(error)}") from None
     length = max((len(cells(name)) for name in header[:1]), default=0)
@@ -148,6 +150,14 @@ def _choose_columns(path: Path, names: dict[Quantity, str]) -> dict[Quantity, Ar
     return {key: np.full(length, fixed[key]) if key in fixed else columns.get(name) for key, name in names.items()}
 
 
+def _read_table(path: Path):  # type: ignore[no-untyped-def]
+    """Names of the columns, and what gives the cells of one."""
+    if is_bag(path):
+        columns = read_bag(path)
+        return list(columns), columns.__getitem__
+    return _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
+
+
 def _read_csv(path: Path):  # type: ignore[no-untyped-def]
     opener = gzip.open if path.suffix == ".gz" else open
     with opener(path, "rt", newline="", encoding="utf-8-sig") as stream:
@@ -166,12 +176,16 @@ def _read_parquet(path: Path):  # type: ignore[no-untyped-def]
         import pyarrow
         import pyarrow.parquet as parquet
     except ImportError:
-        raise ExtraMissing("Parquet needs pyarrow: pip install 'pinograsp[sweep]'") from None
+        raise ExtraMissing("Parquet needs pyarrow: pip install 'pinograsp[logs]'") from None
     try:
         table = parquet.read_table(path)
     except pyarrow.ArrowException as error:
         raise InvalidInput(f"log {path}: expected a Parquet file, got {one_line(error)}") from None
-    return list(table.column_names), lambda name: table.column(name).to_pylist()
+    columns = {name: table.column(name).to_pylist() for name in table.column_names}
+    for name, cells in list(columns.items()):  # as LeRobot has them: a list in each cell
+        if cells and isinstance(cells[0], list) and len({len(cell) for cell in cells}) == 1:
+            columns |= {f"{name}[{i}]": values for i, values in enumerate(zip(*columns.pop(name)))}
+    return list(columns), columns.__getitem__
 
 
 def _is_number(text: str) -> bool:

@@ -100,3 +100,55 @@ def test_what_is_no_table_is_refused(tmp_path, content, suffix):
         read_log(path, units=COUNTS)
     with pytest.raises(InvalidInput):
         read_log(tmp_path / f"none.{suffix}", units=COUNTS)
+
+
+def test_lists_in_parquet_are_columns(tmp_path, columns):
+    """As LeRobot writes states of several joints."""
+    rows = [[float(x), float(f)] for x, f in zip(columns["position"], columns["force"])]
+    table = {"timestamp": columns["time"], "observation.state": rows}
+    pyarrow.parquet.write_table(pyarrow.table(table), tmp_path / "a.parquet")
+    named = {"time": "timestamp", "position": "observation.state[0]", "force": "observation.state[1]"}
+    log = read_log(tmp_path / "a.parquet", columns=named, units=COUNTS)
+    np.testing.assert_array_equal(log.force, columns["force"])
+
+
+@pytest.mark.parametrize("kind", ["SQLITE3", "MCAP", "ROS 1"])
+def test_bags_of_joint_states(tmp_path, columns, kind):
+    from rosbags import rosbag1, rosbag2
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if kind == "ROS 1" else Stores.ROS2_HUMBLE)
+    full = ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", "sensor_msgs/msg/JointState")
+    types = {name.rpartition("/")[2]: store.types[name] for name in full}
+    place = tmp_path / ("a.bag" if kind == "ROS 1" else "bag")
+    if kind == "ROS 1":
+        writer, encode = rosbag1.Writer(place), store.serialize_ros1
+    else:
+        plugin = rosbag2.StoragePlugin[kind]
+        writer, encode = rosbag2.Writer(place, version=9, storage_plugin=plugin), store.serialize_cdr
+    with writer:
+        topic = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
+        for i, (x, f) in enumerate(zip(columns["position"], columns["force"])):
+            nanoseconds = 7_000_000_000 + i * 5_000_000
+            stamp = types["Time"](sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+            more = {"seq": i} if kind == "ROS 1" else {}
+            state = types["JointState"](
+                header=types["Header"](stamp=stamp, frame_id="", **more),
+                name=["finger"],
+                position=np.array([x]),
+                velocity=np.zeros(0),
+                effort=np.array([f]),
+            )
+            writer.write(topic, nanoseconds, encode(state, "sensor_msgs/msg/JointState"))
+    log = read_log(place, columns={"position": "finger/position", "force": "finger/effort"}, units=COUNTS)
+    np.testing.assert_array_equal(log.position, columns["position"])
+    np.testing.assert_array_equal(log.force, columns["force"])
+    np.testing.assert_allclose(log.time, 0.005 * np.arange(len(log.time)), atol=1e-9)
+    with pytest.raises(InvalidInput, match="did you mean 'finger/effort'"):
+        read_log(place, columns={"position": "finger/position", "force": "finger/efort"}, units=COUNTS)
+
+
+def test_folders_that_are_no_bags_are_refused(tmp_path):
+    for place in (tmp_path, tmp_path / "none.bag"):
+        with pytest.raises(InvalidInput, match="bag of ROS"):
+            read_log(place, units=COUNTS)
