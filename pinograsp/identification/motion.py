@@ -15,7 +15,7 @@ from scipy.signal import savgol_filter
 from pinograsp.checks import array_of, brief, instance_of, mapping_of, number, path_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import Drive, HandModel, Source
-from pinograsp.identification.closings import Estimate
+from pinograsp.identification.estimates import Estimate, widen
 from pinograsp.identification.logs import read_columns
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.spatial import Array, BoolArray, IntArray
@@ -25,7 +25,6 @@ _SLOW = 0.05  # of a joint's largest speed: below, friction takes any value
 _LATEST = 0.1  # [s] that efforts may lag behind the motion, or run ahead of it
 _BLOCK = 0.4  # [s] that are drawn together in the bootstrap: errors of neighbours are alike
 _RESAMPLES = 200
-_INTERVAL = (0.025, 0.975)
 # What no bootstrap has in it: friction that depends on speed, backlash, delays between samples. Half widths are widened
 # by a factor and a share of the value, so that intervals of 95 % hold that much of the truths that
 # benchmarks/identified_logs.py hides (measured servos, model m6 of Rhoban's BAM).
@@ -33,6 +32,7 @@ _DRIVE_WIDER, _DRIVE_SHARE = 3.0, 0.01
 _MASS_WIDER, _MASS_SHARE = 1.5, 0.005
 _KNOWN = 0.3  # half width of an interval, as a share of its value: more is not identified
 _LENGTHS = np.array([1.0, 0.05, 0.05, 0.05])  # units of m [kg] and m c [kg m] that are alike, by lengths of a hand
+_CLEAR = 3.0  # times the median error of the fit: torque that tells a constant
 _TOLD = 0.95  # share of a figure that the motion tells
 _FEWEST = 50  # samples in motion
 
@@ -293,7 +293,7 @@ def identify_load(
     best = solve(np.arange(len(A)))
     dt = float(np.median(np.diff(log.times))) * rows.step
     drawn = np.array([solve(chosen) for chosen in _draw_blocks(len(A), dt, np.random.default_rng(seed))])
-    mass = _widen(best[0], drawn[:, 0], _MASS_WIDER, _MASS_SHARE)
+    mass = widen(best[0], drawn[:, 0], _MASS_WIDER, _MASS_SHARE)
     if share.min() < _TOLD or best[0] <= 0:
         return mass, None
     return mass, np.asarray(frame.placement.actInv(best[1:] / best[0]))
@@ -329,7 +329,7 @@ def identify_friction(
         return None, stuck
     rng = np.random.default_rng(seed)
     drawn = np.median(found[rng.integers(len(found), size=(_RESAMPLES, len(found)))], axis=1)
-    return Estimate(float(np.median(found)), *(float(one) for one in np.quantile(drawn, _INTERVAL))), stuck
+    return widen(float(np.median(found)), drawn), stuck
 
 
 def _add_masses(hand: HandModel, masses: Mapping[str, float]) -> HandModel:
@@ -402,23 +402,19 @@ def _fit_drive(
     samples[:, 1] /= samples[:, 0]
     values = [x[0], x[1] / x[0], *x[2:]]
     fitted = {
-        name: _widen(value, drawn, _DRIVE_WIDER, _DRIVE_SHARE)
+        name: widen(value, drawn, _DRIVE_WIDER, _DRIVE_SHARE)
         for name, value, drawn in zip(_REGRESSED, values, samples.T)
     }
-    step = fitted["effort_step"]
-    if step.low <= 0 or (step.high - step.low) / 2 > _KNOWN * step.value:
+    step, error = fitted["effort_step"], float(np.median(np.abs(A @ x - y)))
+    # What of the torque no friction, inertia or offset explains tells the torque constant, and nothing else does.
+    others = A[:, 2:] * _scales(A[:, 2:])
+    telling = float(np.std(y - others @ np.linalg.lstsq(others, y, rcond=None)[0]))
+    if telling < _CLEAR * error or step.low <= 0 or (step.high - step.low) / 2 > _KNOWN * step.value:
         return (
             f"the torque that its motion takes, {np.ptp(y):.2g} N m or N from end to end, is lost in friction: mount "
             "the hand so that the joint lifts against gravity, or fix a known mass to the link (masses=)"
         )
-    return DriveFit(**fitted, delay=float(delay), error=float(np.median(np.abs(A @ x - y))))
-
-
-def _widen(value: float, drawn: Array, factor: float, share: float) -> Estimate:
-    """An interval of the bootstrap, widened by what the bootstrap does not have."""
-    low, high = np.quantile(drawn, _INTERVAL)
-    below, above = (np.hypot(factor * way, share * value) for way in (min(low - value, 0.0), max(high - value, 0.0)))
-    return Estimate(float(value), float(value - below), float(value + above))
+    return DriveFit(**fitted, delay=float(delay), error=error)
 
 
 def _solve(A: Array, y: Array, Z: Array) -> Array:
