@@ -25,6 +25,7 @@ class Entry:
         drives: motors of the real hand, where the file does not tell or tells otherwise; one without a limit has that
             of its joints, else the limits of the joints are what the drives can do.
         sources: where the figures of its drives come from, and which of them are guesses.
+        sheet: data sheet of its drives that comes with the package.
         hollow: names of collision meshes that are far from convex, for which convex parts come with this package.
     """
 
@@ -36,6 +37,7 @@ class Entry:
     fingers: dict[str, str] | None = field(default=None)
     drives: tuple[Drive, ...] | None = None
     sources: tuple[Source, ...] = ()
+    sheet: str | None = None
     hollow: tuple[str, ...] = ()
 
 
@@ -113,24 +115,6 @@ _HUMANOID = (
 )
 
 _ALLEGRO = {finger: f"link_{4 * i + 3}.0_tip" for i, finger in enumerate(("index", "middle", "ring", "thumb"))}
-
-# Stiffness is k_t V / R (2.5 N m/A, 5.5 ohm identified) times the duty per position error, 0.165/rad for each unit of P
-# by oscilloscope; damping is k_t^2 / R and the viscous friction.
-_STS3215 = (
-    Source(
-        figure="limit",
-        text="half of the stall torque of the STS3215 at 12 V, 30 kg cm (Feetech): LeRobot lets it make no more",
-        interval=(1.47, 2.94),
-    ),
-    Source(
-        figure="stiffness",
-        text="identified at 12 V (K-Scale Labs' logs of the STS3215; duty by oscilloscope) and taken at LeRobot's P of "
-        "16; 29 at the maker's P of 32, 8.9 at 7.4 V (Rhoban's BAM)",
-        interval=(8.9, 29.0),
-    ),
-    Source(figure="damping", text="of the same identification: back-EMF and viscous friction", interval=(0.6, 1.4)),
-    Source(figure="step", text="4096 steps a turn (Feetech, STS3215)"),
-)
 
 CATALOGUE: dict[str, Entry] = {
     "humanoid": Entry(
@@ -326,19 +310,8 @@ CATALOGUE: dict[str, Entry] = {
         fingers={"jaw": "moving_jaw_so101_v1_link"},
         hollow=("wrist_roll_follower_so101_v1", "moving_jaw_so101_v1"),
         # One STS3215 servo at 12 V, set up as LeRobot does (so_follower.py: P 16, half of the largest torque).
-        drives=(
-            Drive(
-                name="gripper",
-                joints=("gripper",),
-                arms=(1.0,),
-                control="position",
-                limit=1.47,
-                stiffness=14.5,
-                damping=1.2,
-                step=2 * math.pi / 4096,
-            ),
-        ),
-        sources=_STS3215,
+        drives=(Drive(name="gripper", joints=("gripper",), arms=(1.0,), control="position"),),
+        sheet="sts3215",
     ),
 }
 

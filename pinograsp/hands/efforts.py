@@ -121,8 +121,8 @@ def below_steps(hand: HandModel, efforts: Array, stiffness: Array) -> list[str]:
         if drive.backlash is not None and way < drive.backlash:
             found.append(
                 f"drive {drive.name} is sent {way:.2g} rad or m beyond where it holds, less than the backlash of "
-                f"{drive.backlash:.2g} in its gears: it may press with nothing; come from the open side, press harder, "
-                "or take softer servos"
+                f"{drive.backlash:.2g} in its gears: unless its encoder is behind them, it may press with nothing; "
+                "press harder, or take softer servos"
             )
         elif way < _STEPS * drive.step:
             found.append(

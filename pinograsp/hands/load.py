@@ -124,11 +124,9 @@ def load_hand(
     labels = {"motor": motors_at(description.actuation), **description.labels}
     hand = _build_hand(description.name, prepared, palm, fingers, masses, exclude, labels)
     hand = with_effort_limits(hand, prepared.efforts, () if entry is None else entry.drives or ())
-    sheet = drives if isinstance(drives, str | Path) else None
-    hand = _add_drives(hand, description.actuation, entry, None if isinstance(drives, str | Path) else drives, springs)
-    if drives is None and entry is None and isinstance(source, str | Path):
-        sheet = find_sheet(source)
-    if sheet is not None:
+    given = None if isinstance(drives, str | Path) else drives
+    hand = _add_drives(hand, description.actuation, entry, given, springs)
+    for sheet in _choose_sheets(source, entry, drives):
         hand = apply_sheet(hand, sheet)
     hand = _disable_collisions(hand, description, prepared.links, srdf)
     hand = hand.with_limits({} if limits is None else limits)
@@ -325,6 +323,17 @@ def _add_drives(
         )
         return replace(hand, notes=(*hand.notes, f"{ON_DRIVES}springs alone hold {', '.join(held)}: {why}"))
     return hand
+
+
+def _choose_sheets(
+    source: str | Path | mujoco.MjSpec, entry: Entry | None, drives: Sequence[Drive] | str | Path | None
+) -> list[str | Path]:
+    """Data sheets of a hand's drives, the later over the earlier: the catalogue's, the one given or beside the file."""
+    if not isinstance(drives, str | Path | None):
+        return []
+    beside = find_sheet(source) if entry is None and isinstance(source, str | Path) else None
+    found = [None if entry is None else entry.sheet, beside if drives is None else drives]
+    return [sheet for sheet in found if sheet is not None]
 
 
 def _check_masses(source: str, model: pin.Model, masses: Masses, notes: Sequence[str]) -> None:

@@ -15,7 +15,7 @@ from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.hands.record import hand_of, hand_record
 from pinograsp.hands.summary import record
 
-FIGURES = ("limit", "stiffness", "damping", "step")
+FIGURES = ("limit", "stiffness", "damping", "step", "backlash", "latency", "friction", "effort_step", "continuous")
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
