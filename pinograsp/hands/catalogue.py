@@ -310,7 +310,7 @@ CATALOGUE: dict[str, Entry] = {
         fingers={"jaw": "moving_jaw_so101_v1_link"},
         hollow=("wrist_roll_follower_so101_v1", "moving_jaw_so101_v1"),
         # One STS3215 servo at 12 V, set up as LeRobot does (so_follower.py: P 16, half of the largest torque).
-        drives=(Drive(name="gripper", joints=("gripper",), arms=(1.0,), control="position"),),
+        drives=(Drive(name="gripper", joints=("gripper",), arms=(1.0,), control="position", limit=1.47),),
         sheet="sts3215",
     ),
 }
