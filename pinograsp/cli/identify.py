@@ -42,6 +42,14 @@ class LogOptions:
         "Hand that moved freely: the log has columns JOINT/position \\[rad or m] and DRIVE/effort \\[register units].",
         complete=completion.complete_hands,
     )
+    gravity: str = _log(
+        "With --hand: gravity in the frame of the hand's root as it stood \\[m/s^2].",
+        default="0,0,-9.81",
+        metavar="X,Y,Z",
+    )
+    masses: list[str] | None = _log(
+        "With --hand: known mass that was fixed to a link \\[kg]; repeatable.", "--mass", metavar="LINK=KG"
+    )
     newtons: str | None = _log(
         "Newtons of force in counts: slope and offset, as a scale tells.", metavar="SLOPE,OFFSET"
     )
@@ -103,7 +111,11 @@ def _identify_drives(logs: list[Path], reading: LogOptions, sheet: SheetOptions,
     if len(logs) != 1:
         raise InvalidInput(f"--hand: expected one log, got {len(logs)}")
     hand = load_hand(str(reading.hand))
-    found = identify_motion(hand, read_motion(logs[0], hand))
+    masses = {}
+    for link, text in read_pairs("--mass", reading.masses).items():
+        (masses[link],) = read_numbers("--mass", text, (1,), "LINK=KG")
+    gravity = read_numbers("--gravity", reading.gravity, (3,), "x,y,z [m/s^2]")
+    found = identify_motion(hand, read_motion(logs[0], hand), masses=masses, gravity_o=gravity)
     if sheet.out is not None:
         identified = apply_fits(hand.drives, found.drives, f"identified from {logs[0].name}")
         write_file(sheet.out, write_sheet(identified, hand.name).encode())
@@ -143,6 +155,8 @@ def _identify_closings(logs: list[Path], reading: LogOptions, sheet: SheetOption
     from pinograsp.identification import identify_closings, read_log
     from pinograsp.writing import write_file
 
+    if reading.masses or reading.gravity != LogOptions().gravity:
+        raise InvalidInput("--mass, --gravity: expected with --hand, got them for closings on a stop")
     newtons = None if reading.newtons is None else read_numbers("--newtons", reading.newtons, (2,), "slope and offset")
     columns, units = read_pairs("--column", reading.columns), read_pairs("--unit", reading.units)
     found = identify_closings([read_log(log, columns=columns, units=units) for log in logs], newtons=newtons)

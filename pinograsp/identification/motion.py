@@ -34,6 +34,7 @@ _KNOWN = 0.3  # half width of an interval, as a share of its value: more is not 
 _LENGTHS = np.array([1.0, 0.05, 0.05, 0.05])  # units of m [kg] and m c [kg m] that are alike, by lengths of a hand
 _CLEAR = 3.0  # times the median error of the fit: torque that tells a constant
 _TOLD = 0.95  # share of a figure that the motion tells
+_GAP = 0.2  # [s] between two samples of a log of motion, at most
 _FEWEST = 50  # samples in motion
 
 
@@ -133,7 +134,7 @@ def read_motion(
         position_step: radians or metres of one unit of position.
 
     Raises:
-        InvalidInput: no such table, no column of a joint or drive, time that does not rise.
+        InvalidInput: no such table, no column of a joint or drive, time that does not rise or has gaps of 0.2 s.
     """
     path = path_of("log", path)
     step = number("position_step", position_step)
@@ -151,9 +152,23 @@ def read_motion(
         if column in table:
             q[:, hand.joint_names.index(name)] = step * table[column]
     blank = np.full(len(times), np.nan)
-    return MotionLog(
-        source=str(path), times=times, q=q, effort=np.column_stack([table.get(column, blank) for column in drives])
-    )
+    registers = np.column_stack([table.get(column, blank) for column in drives])
+    even = _even_out(path, times)
+    evened = [np.column_stack([np.interp(even, times, one) for one in values.T]) for values in (q, registers)]
+    return MotionLog(source=str(path), times=even, q=evened[0], effort=evened[1])
+
+
+def _even_out(path: Path, times: Array) -> Array:
+    """Times in equal steps over a log whose own are not quite equal, as those of buses are."""
+    steps = np.diff(times)
+    step = float(np.median(steps))
+    if not np.all(steps > 0) or steps.max() > _GAP:
+        row = int(np.argmax(~(steps > 0) | (steps > _GAP)))
+        raise InvalidInput(
+            f"log {path}: expected time that rises by at most {_GAP:g} s, got {times[row]:g} s and then "
+            f"{times[row + 1]:g} s in sample {row + 2}: cut the log there"
+        )
+    return np.asarray(times[0] + step * np.arange(int((times[-1] - times[0]) / step + 1e-9) + 1))
 
 
 def identify_motion(
@@ -399,6 +414,10 @@ def _fit_drive(
     delay = min(delay + np.arange(-_LATEST / 20, _LATEST / 20, _LATEST / 200), key=lambda one: fit(one)[0])
     _, x, A, Z = fit(delay)
     samples = np.array([_solve(A[rows], y[rows], Z[rows]) for rows in _draw_blocks(len(y), dt, rng)])
+    if x[0] < 0 and np.mean(samples[:, 0] < 0) > 0.95:
+        return "its register counts against its joint: log it with the other sign, or give the drive the arm -1"
+    if x[0] == 0 or not np.all(samples[:, 0]):
+        return "its register does not follow its torque: is it another drive's, or not switched on?"
     samples[:, 1] /= samples[:, 0]
     values = [x[0], x[1] / x[0], *x[2:]]
     fitted = {
@@ -435,8 +454,9 @@ def _solve(A: Array, y: Array, Z: Array) -> Array:
 
 def _predict_register(x: Array, y: Array, A: Array) -> Array:
     """The register that makes the torques y (s,) by a fit x; A: its columns, of which the first two are not read."""
-    driven = (y - A[:, 2:] @ x[2:]) / x[0]  # i - load_friction s |i|
-    share = min(max(x[1] / x[0], 0.0), 0.9)
+    step = x[0] if x[0] != 0 else np.finfo(float).eps
+    driven = (y - A[:, 2:] @ x[2:]) / step  # i - load_friction s |i|
+    share = min(max(x[1] / step, 0.0), 0.9)
     register: Array = driven / (1 - share * np.sign(-A[:, 3] * driven))
     return register
 

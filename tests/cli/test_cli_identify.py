@@ -56,6 +56,8 @@ def test_closings_are_told_and_written_as_a_sheet_that_plans_read(command, log, 
         ([*COUNTS, "--newtons", "1"], "slope and offset"),
         (["--hand", "panda", *COUNTS], "with --hand"),
         (["--hand", "panda"], "expected columns as"),
+        ([*COUNTS, "--mass", "tip=0.1"], "expected with --hand"),
+        (["--hand", "panda", "--gravity", "0,0"], "--gravity"),
     ],
 )
 def test_what_cannot_be_is_refused(command, log, options, told):
@@ -74,6 +76,11 @@ def test_motion_is_identified_with_a_hand(command, tmp_path):
     assert code == 0, err
     assert "0 of 1 drives" in out and "lost in friction" in out  # level jaws do not lift
     assert pg.load_hand("panda", drives=tmp_path / "a.toml").drives == hand.drives
+    # Jaws that lift: a known mass and gravity along their way.
+    pull = (0.4 * 9.81 + 0.1 * 9.81 * np.sign(np.cos(2 * times))) / 0.05
+    path = write_log(tmp_path / "motion.csv", {**columns, "jaws/effort": pull})
+    code, out, err = command("identify", str(path), "--hand", "panda", "--gravity", "0,9.81,0", "--mass", "nothing=1")
+    assert code == 2 and "nothing" in err
 
 
 def test_sheets_at_the_command_line(command, tmp_path):

@@ -104,6 +104,41 @@ def test_intervals_hold_the_truth_in_most_of_many_logs(hand, often):
     assert np.mean(inside) > 0.8 and len(inside) >= 12
 
 
+def test_registers_that_count_the_other_way_or_follow_nothing_are_told(hand):
+    rng = np.random.default_rng(1)
+    log = make_log(hand, rng, 0.1)
+    name = hand.joint_names[1]
+    turned = MotionLog(source="turned", times=log.times, q=log.q, effort=-log.effort)
+    assert "counts against" in identify_motion(hand, turned, masses={TIP: 0.1}).unknown[name]
+    for off in (np.zeros_like(log.effort), rng.normal(0, 50, log.effort.shape)):
+        off = np.where(np.isnan(log.effort), np.nan, off)
+        found = identify_motion(hand, MotionLog(source="off", times=log.times, q=log.q, effort=off), masses={TIP: 0.1})
+        assert name in found.unknown
+
+
+def test_times_of_a_bus_are_evened_out_and_gaps_refused(hand, tmp_path):
+    rng = np.random.default_rng(2)
+    log = make_log(hand, rng, 0.1)
+    joint = hand.joint_names[1]
+    times = log.times + np.where(np.arange(len(log.times)) % 2, 0.004, 0.0)
+    rows = [times, np.interp(times, log.times, log.q[:, 1]), np.interp(times, log.times, log.effort[:, 1])]
+    others = [np.interp(times, log.times, log.q[:, j]) for j in (2, 3)]
+
+    def write(rows):
+        head = ["time", f"{joint}/position", f"{joint}/effort", *(f"{hand.joint_names[j]}/position" for j in (2, 3))]
+        with (tmp_path / "a.csv").open("w", newline="") as stream:
+            table = csv.writer(stream)
+            table.writerow(head)
+            table.writerows(zip(*(values.tolist() for values in rows)))
+        return read_motion(tmp_path / "a.csv", hand)
+
+    fit = identify_motion(hand, write([*rows, *others]), masses={TIP: 0.1}).drives[joint]
+    assert fit.effort_step.value == pytest.approx(1e-3, rel=0.05)
+    late = times + np.where(times > 5, 0.5, 0.0)
+    with pytest.raises(InvalidInput, match="cut the log there"):
+        write([late, *rows[1:], *others])
+
+
 def test_files_of_motion(hand, tmp_path):
     log = make_log(hand, np.random.default_rng(1), 0.1)
     columns = {"time": log.times}
@@ -114,8 +149,8 @@ def test_files_of_motion(hand, tmp_path):
         table.writerow(columns)
         table.writerows(zip(*(values.tolist() for values in columns.values())))
     again = read_motion(tmp_path / "a.csv", hand)
-    np.testing.assert_array_equal(again.effort, log.effort)
-    np.testing.assert_array_equal(again.q[:, JOINTS], log.q[:, JOINTS])
+    np.testing.assert_allclose(again.effort, log.effort, atol=1e-6)
+    np.testing.assert_allclose(again.q[:, JOINTS], log.q[:, JOINTS], atol=1e-9)
     with pytest.raises(InvalidInput, match="say how they are called"):
         read_motion(tmp_path / "a.csv", hand, effort="{}_current")
     with pytest.raises(InvalidInput, match="expected a column 't'"):
