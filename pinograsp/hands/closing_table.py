@@ -10,16 +10,9 @@ import numpy as np
 
 from pinograsp.checks import array_of, brief, number, one_of
 from pinograsp.errors import InvalidInput
+from pinograsp.hands.estimates import Estimate
 
 _SAME = 1e-9  # relative: one speed, or one limit
-
-
-class Peak(NamedTuple):
-    """The largest force of a closing, in the unit of its table: the median to expect, and where 90 % of trials lie."""
-
-    value: float
-    low: float
-    high: float
 
 
 class ClosingCommand(NamedTuple):
@@ -27,7 +20,7 @@ class ClosingCommand(NamedTuple):
 
     speed: float
     limit: float
-    peak: Peak
+    peak: Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +66,7 @@ class ClosingTable:
             raise InvalidInput("closing table: expected each pair of speed and limit once, got one twice")
         one_of("unit of a closing table", self.unit, ("N", "count"))
 
-    def predict(self, speed: float, limit: float) -> Peak:
+    def predict(self, speed: float, limit: float) -> Estimate:
         """The peak to expect at a speed and limit within what was tried.
 
         Between two limits of one speed it is linear. Between two speeds the peak may be that of either, and where in
@@ -96,11 +89,11 @@ class ClosingTable:
         (slow, one), (fast, other) = slower[-1], faster[0]
         share = 0.0 if fast <= slow * (1 + _SAME) else math.log(speed / slow) / math.log(fast / slow)
         values = max(one.value, _SAME), max(other.value, _SAME)
-        return Peak(
+        return Estimate(
             1 / ((1 - share) / values[0] + share / values[1]), min(one.low, other.low), max(one.high, other.high)
         )
 
-    def _at_limit(self, speed: float, limit: float) -> Peak | None:
+    def _at_limit(self, speed: float, limit: float) -> Estimate | None:
         """The peak at a speed that was tried; None where its limits do not reach as far."""
         rows = self._rows(speed)
         limits = np.array(self.limits)[rows]
@@ -109,10 +102,10 @@ class ClosingTable:
         after = min(int(np.searchsorted(limits, limit * (1 - _SAME))), len(rows) - 1)
         if math.isclose(limits[after], limit, rel_tol=_SAME):
             i = rows[after]
-            return Peak(self.peaks[i], self.low[i], self.high[i])
+            return Estimate(self.peaks[i], self.low[i], self.high[i])
         one, other = rows[after - 1], rows[after]
         value = np.interp(limit, limits[after - 1 : after + 1], [self.peaks[one], self.peaks[other]])
-        return Peak(float(value), min(self.low[one], self.low[other]), max(self.high[one], self.high[other]))
+        return Estimate(float(value), min(self.low[one], self.low[other]), max(self.high[one], self.high[other]))
 
     def _rows(self, speed: float) -> list[int]:
         """Conditions of a speed, by their limits."""

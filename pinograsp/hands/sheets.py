@@ -39,7 +39,8 @@ def find_sheet(description: str | Path) -> Path | None:
         return None
     path = Path(description)
     beside = path.with_name(path.stem.removesuffix(".urdf") + SUFFIX)
-    return beside if is_there(beside) else None
+    # An empty one is just being written: 'pinograsp hands hand.urdf --drives > hand.drives.toml'.
+    return beside if is_there(beside) and beside.stat().st_size else None
 
 
 def read_sheet(source: str | Path) -> tuple[dict[str, Any], ...]:

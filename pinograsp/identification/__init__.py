@@ -1,7 +1,7 @@
 """Identification: what a hand's drives and contacts are, from logs of it."""
 
+from pinograsp.hands.estimates import Estimate
 from pinograsp.identification.closings import ContactFit, IdentifiedClosings, identify_closings
-from pinograsp.identification.estimates import Estimate
 from pinograsp.identification.logs import Log, read_log
 from pinograsp.identification.motion import (
     DriveFit,

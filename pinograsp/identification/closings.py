@@ -13,7 +13,8 @@ from scipy.optimize import least_squares
 from pinograsp.checks import array_of, brief, items_of, number, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.closing_table import ClosingTable
-from pinograsp.identification.estimates import Estimate, widen
+from pinograsp.hands.estimates import Estimate
+from pinograsp.identification.estimates import widen
 from pinograsp.identification.logs import Log
 from pinograsp.spatial import Array
 

@@ -1,22 +1,13 @@
-"""Figures with their intervals."""
+"""Intervals by bootstrap."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
+from pinograsp.hands.estimates import Estimate
 from pinograsp.spatial import Array
 
 _INTERVAL = (0.025, 0.975)
-
-
-class Estimate(NamedTuple):
-    """A figure and its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 def widen(value: float, drawn: Array, factor: float = 1.0, share: float = 0.0) -> Estimate:

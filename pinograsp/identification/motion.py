@@ -15,7 +15,8 @@ from scipy.signal import savgol_filter
 from pinograsp.checks import array_of, brief, instance_of, mapping_of, number, path_of, read_only
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import Drive, HandModel, Source
-from pinograsp.identification.estimates import Estimate, widen
+from pinograsp.hands.estimates import Estimate
+from pinograsp.identification.estimates import widen
 from pinograsp.identification.logs import read_columns
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.spatial import Array, BoolArray, IntArray

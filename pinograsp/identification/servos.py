@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import alike, array_of, items_of, number, one_line, path_of
 from pinograsp.errors import InvalidInput
-from pinograsp.identification.estimates import Estimate
+from pinograsp.hands.estimates import Estimate
 from pinograsp.spatial import Array
 
 

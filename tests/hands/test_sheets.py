@@ -45,6 +45,8 @@ def test_a_sheet_beside_the_file_is_read_by_itself_and_a_change_of_it_is_seen(tm
     shutil.copy(file_of("humanoid"), tmp_path / "hand.urdf")
     plain = pg.load_hand(tmp_path / "hand.urdf")
     sheet = tmp_path / "hand.drives.toml"
+    sheet.touch()  # as a shell does before the command that is to fill it
+    assert pg.load_hand(tmp_path / "hand.urdf").drives == plain.drives
     for limit in (0.3, 0.4):
         sheet.write_text(f'[[drives]]\nname = "index_*"\nlimit = {limit}\nlatency = 0.05\n')
         hand = pg.load_hand(tmp_path / "hand.urdf")
