@@ -285,7 +285,7 @@ def _fit_contact(closings: list[_Closing], rng: np.random.Generator) -> ContactF
     for _ in range(_RESAMPLES // 4):
         drawn = rng.integers(len(x), size=len(x))
         if len(np.unique(x[drawn])) >= 4:
-            fits.append(_fit_power(x[drawn], f[drawn]))
+            fits.append(_fit_power(x[drawn], f[drawn], fits[0]))
     start, stiffness, exponent = (widen(column[0], column, _WIDER) for column in np.array(fits).T)
     modelled = stiffness.value * np.maximum(x - start.value, 0) ** exponent.value
     if sign < 0:
@@ -301,23 +301,23 @@ def _fit_contact(closings: list[_Closing], rng: np.random.Generator) -> ContactF
     )
 
 
-def _fit_power(x: Array, f: Array) -> tuple[float, float, float]:
-    """Start, K and rho of f = K (x - start)^rho, least squares of the relative error."""
-    width = float(np.ptp(x))
-    best = None
-    for ahead in (0.05, 0.3, 1.0):
-        first = [x.min() - ahead * width, np.log(np.median(f)), 1.5]
+def _fit_power(x: Array, f: Array, near: tuple[float, float, float] | None = None) -> tuple[float, float, float]:
+    """Start, K and rho of f = K (x - start)^rho, least squares of the relative error; from several starts, or ``near``
+    a fit of like data.
+    """
+    width, least = float(np.ptp(x)), float(x.min())
+    bounds = ([least - 5 * width, -np.inf, 0.3], [least, np.inf, 6.0])
 
-        def residual(p: Array) -> Array:
-            log_force: Array = p[1] + p[2] * np.log(np.maximum(x - p[0], 1e-9 * width) / width)
-            return log_force - np.log(f)
+    def residual(p: Array) -> Array:
+        log_force: Array = p[1] + p[2] * np.log(np.maximum(x - p[0], 1e-9 * width) / width)
+        return log_force - np.log(f)
 
-        fit = least_squares(
-            residual, first, loss="soft_l1", bounds=([x.min() - 5 * width, -np.inf, 0.3], [x.min(), np.inf, 6.0])
-        )
-        best = fit if best is None or fit.cost < best.cost else best
-    assert best is not None
-    start, log_f, exponent = best.x
+    firsts = [[least - ahead * width, np.log(np.median(f)), 1.5] for ahead in (0.05, 0.3, 1.0)]
+    if near is not None:
+        begin = float(np.clip(near[0], bounds[0][0], least - 1e-6 * width))
+        firsts = [[begin, np.log(near[1] * width ** near[2]), near[2]]]
+    fits = [least_squares(residual, first, loss="soft_l1", bounds=bounds) for first in firsts]
+    start, log_f, exponent = min(fits, key=lambda fit: fit.cost).x
     return float(start), float(np.exp(log_f) / width**exponent), float(exponent)
 
 
