@@ -275,14 +275,21 @@ def write_jaws(jaws: Sequence[JawCommand], path: str | Path) -> None:
     Raises:
         ResultsNotWritten: the place cannot be written.
     """
-    path = path_of("path", path)
-    written = io.StringIO()
-    table = csv.writer(written, lineterminator="\n")
-    table.writerow(["drive", "joint", *_COLUMNS, *_SHARED])
+    rows = []
     for jaw in items_of("jaws", jaws, JawCommand):
         values = jaw.summary()
         shared = ["" if values[name] is None else repr(values[name]) for name in _SHARED]
         for one in jaw.joints:
             own = [repr(getattr(one, name)) for name in _COLUMNS]
-            table.writerow([no_formula(jaw.drive), no_formula(one.joint), *own, *shared])
+            rows.append([no_formula(jaw.drive), no_formula(one.joint), *own, *shared])
+    write_table(path, ["drive", "joint", *_COLUMNS, *_SHARED], rows)
+
+
+def write_table(path: str | Path, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a line of names and a line for each row, with commas between; an existing file is replaced."""
+    path = path_of("path", path)
+    written = io.StringIO()
+    table = csv.writer(written, lineterminator="\n")
+    table.writerow(head)
+    table.writerows(rows)
     write_file(path, written.getvalue().encode())

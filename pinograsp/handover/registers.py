@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from pinograsp.checks import path_of
 from pinograsp.errors import InvalidInput
-from pinograsp.handover.jaws import group_contacts
+from pinograsp.handover.jaws import group_contacts, write_table
 from pinograsp.handover.trajectory import JointTrajectory
 from pinograsp.hands import HandModel
 from pinograsp.hands.closing_table import ClosingCommand
 from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array
 from pinograsp.words import no_formula
-from pinograsp.writing import write_file
 
 Units: TypeAlias = Literal["SI", "register"]
 
@@ -103,7 +99,7 @@ def write_closings(closings: Sequence[FingerClosing], path: str | Path) -> None:
         [no_formula(one.drive), _tidy(one.command.speed), _tidy(one.command.limit), one.force, *one.command.peak]
         for one in closings
     ]
-    _write(path, ["drive", "speed", "limit", "force_N", "expected_N", "low_N", "high_N"], rows)
+    write_table(path, ["drive", "speed", "limit", "force_N", "expected_N", "low_N", "high_N"], rows)
 
 
 def write_registers(hand: HandModel, drives: JointTrajectory, path: str | Path, *, efforts: bool) -> tuple[str, ...]:
@@ -117,16 +113,16 @@ def write_registers(hand: HandModel, drives: JointTrajectory, path: str | Path, 
         efforts: whether efforts are commanded: with columns of their own; else positions alone.
 
     Returns:
-        What rounding costs, for each drive that presses: a unit as a share of what it holds with.
+        What rounding costs: a unit as a share of what the drives hold with, and those that hold with less than two.
 
     Raises:
         InvalidInput: drives whose encoder step, or whose effort step, is not known. ResultsNotWritten.
     """
-    positions = [drive.step for drive in hand.drives]
-    steps = [drive.effort_step for drive in hand.drives]
-    wanted = {"effort_step": steps} if efforts and not any(positions) else {"step": positions}
+    wanted = {"step": [drive.step for drive in hand.drives]}
     if efforts:
-        wanted["effort_step"] = steps
+        if not any(wanted["step"]):  # torques alone, then
+            del wanted["step"]
+        wanted["effort_step"] = [drive.effort_step for drive in hand.drives]
     for figure, values in wanted.items():
         if missing := [drive.name for drive, value in zip(hand.drives, values) if value is None]:
             raise InvalidInput(
@@ -136,13 +132,14 @@ def write_registers(hand: HandModel, drives: JointTrajectory, path: str | Path, 
     head, columns, notes = ["time"], [], list[str]()
     if "step" in wanted:
         head += [f"{no_formula(name)}/position" for name in drives.names]
-        columns.append(np.rint(drives.q / np.array(positions, dtype=float)))
+        columns.append(np.rint(drives.q / np.array(wanted["step"], dtype=float)))
     if efforts:
         head += [f"{no_formula(name)}/effort" for name in drives.names]
-        columns.append(np.rint(drives.effort / np.array(steps, dtype=float)))
-        notes = _tell_rounding(hand, np.abs(drives.effort[-1]), np.array(steps, dtype=float))
+        steps = np.array(wanted["effort_step"], dtype=float)
+        columns.append(np.rint(drives.effort / steps))
+        notes = _tell_rounding(hand, np.abs(drives.effort[-1]), steps)
     whole = np.column_stack(columns).astype(int).tolist()
-    _write(path, head, [[time, *row] for time, row in zip(drives.times.tolist(), whole)])
+    write_table(path, head, [[time, *row] for time, row in zip(drives.times.tolist(), whole)])
     return tuple(notes)
 
 
@@ -163,11 +160,3 @@ def _tell_rounding(hand: HandModel, held: Array, steps: Array) -> list[str]:
 
 def _tidy(value: float) -> int | float:
     return round(value) if value == round(value) else round(value, 1)
-
-
-def _write(path: str | Path, head: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    written = io.StringIO()
-    table = csv.writer(written, lineterminator="\n")
-    table.writerow(head)
-    table.writerows(rows)
-    write_file(path_of("path", path), written.getvalue().encode())

@@ -138,7 +138,7 @@ class Drive:
             object.__setattr__(self, key, value)
 
     @property
-    def known(self) -> set[str]:
+    def figures(self) -> set[str]:
         """Names of the figures that it has."""
         none = {"limit": math.inf, "floor": 0.0}
         return {figure for figure in get_args(Figure) if getattr(self, figure) not in (None, none.get(figure))}

@@ -36,7 +36,7 @@ def _describe_drives(
 
     ``slides``: which springs are at sliding joints; ``each``: a drive at each joint.
     """
-    plain = each and all(set(drive.arms) == {1.0} and drive.known <= {"limit"} for drive in drives)
+    plain = each and all(set(drive.arms) == {1.0} and drive.figures <= {"limit"} for drive in drives)
     controls = {drive.control for drive in drives}
     lines = [f"  drives: {len(drives)}"]
     if plain and len(controls) == 1:

@@ -8,9 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import tomlkit
-from tomlkit.exceptions import TOMLKitError
-
 from pinograsp.checks import items_of, mapping_of, one_line, one_of, shorten, text_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.closing_table import ClosingTable
@@ -52,6 +49,9 @@ def read_sheet(source: str | Path) -> tuple[dict[str, Any], ...]:
     Raises:
         InvalidInput: a missing or broken file, or one that is no data sheet.
     """
+    import tomlkit  # where sheets are used: 40 ms
+    from tomlkit.exceptions import TOMLKitError
+
     shipped, path = _SHIPPED / f"{source}{SUFFIX}", Path(source)
     if not path.is_file() and path.suffix != ".toml":
         one_of("drives (a file that ends in .toml, or a data sheet)", str(source), list_sheets())
@@ -88,15 +88,15 @@ def apply_sheet(hand: HandModel, source: str | Path) -> HandModel:
     drives = {drive.name: drive for drive in hand.drives}
     moving = {joint for finger in hand.fingers for joint in finger.actuated}
     of_fingers = [name for name, drive in drives.items() if not moving.isdisjoint(drive.joints)]
-    missing = []
-    for values in read_sheet(source):
+    described, missing = read_sheet(source), []
+    for values in described:
         pattern = values["name"]
         fitting = [pattern] if pattern in drives else fnmatch.filter(of_fingers, pattern)
         missing += [] if fitting else [pattern]
         figures = {key: value for key, value in values.items() if key != "name"}
         for name in fitting:
             drives[name] = read_drive(figures, f"data sheet {source}: {name}: ", drives[name])
-    if len(missing) == len(read_sheet(source)):
+    if len(missing) == len(described):
         raise InvalidInput(
             f"data sheet {source}: expected drives of hand '{hand.name}' ({shorten(', '.join(drives))}), got "
             f"{shorten(', '.join(missing))}: name its drives so, or '*' for all of them"
@@ -119,6 +119,8 @@ def write_closing(table: ClosingTable, drive: str, source: str) -> str:
 
 
 def _write(drives: Sequence[Mapping[str, Any]], hand: str) -> str:
+    import tomlkit
+
     document = tomlkit.document()
     for line in _HEAD.format(hand=hand).splitlines():
         document.add(tomlkit.comment(line))

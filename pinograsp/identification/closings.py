@@ -109,7 +109,7 @@ def identify_closings(
     """Identify how hard a finger presses that closes on a stop, from its logs.
 
     Args:
-        logs: with ``speed`` and ``limit``; a trial, or what lies between two openings, is a closing.
+        logs: with ``speed`` and ``limit``; what lies between two openings is a closing.
         newtons: slope and offset of newtons over counts, for forces in counts; None: all stays in counts.
         seed: of the bootstrap.
 
@@ -170,7 +170,9 @@ def _newtons(newtons: Sequence[float] | None, unit: str) -> tuple[float, float]:
 
 
 def _find_closings(log: Log, slope: float, offset: float) -> tuple[list[_Closing], int]:
-    """The closings of a log, their forces in newtons where slope and offset say so, and how many trials had none."""
+    """The closings of a log, their forces in newtons where slope and offset say so, and how many rises of
+    the force were none.
+    """
     if log.speed is None or log.limit is None:
         missing = " and ".join(name for name in ("speed", "limit") if getattr(log, name) is None)
         raise InvalidInput(
@@ -230,8 +232,9 @@ def _find_lag(time: Array, force: Array, position: Array, peak: int) -> float:
     rows = after & open_ & (share > _DECAY[0]) & (share < _DECAY[1])
     if rows.sum() < 5:
         return float("nan")
-    slope, _ = np.polyfit(time[rows], np.log(share[rows]), 1)
-    left = np.log(share[rows]) - np.polyval(np.polyfit(time[rows], np.log(share[rows]), 1), time[rows])
+    times, logs = time[rows], np.log(share[rows])
+    slope, start = np.polyfit(times, logs, 1)
+    left = logs - (slope * times + start)
     return float(-1 / slope) if slope < 0 and np.abs(left).max() < _CURVED else float("nan")
 
 

@@ -124,7 +124,7 @@ def read_motion(
     effort: str = "{}/effort",
     position_step: float = 1.0,
 ) -> MotionLog:
-    """Read a log of joints and drives, CSV or Parquet, a column for each.
+    """Read a log of joints and drives, a column for each: CSV, Parquet or a bag of ROS.
 
     Args:
         path: the file.
