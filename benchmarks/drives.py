@@ -1,13 +1,16 @@
-"""Drives that make 0.7 to 1.3 times what they are told, on contacts 1/5 to 20 times as stiff: which plans hold.
+"""Drives that make 0.7 to 1.3 times what they are told, late, on contacts 1/5 to 20 times as stiff: which plans hold.
 
     python benchmarks/drives.py --seed 7 [--hands NAME ...] [--trials 10]
 
 Each hand takes a box (50 x 50 x 120 mm, 300 g), a ball (70 mm, 180 g) and a can (60 x 120 mm, 350 g) from one search,
-and plans them with the default reserve, with ``drive=0.3`` besides, and with ``drive=0.3, softer=5, stiffer=20``. Each
-plan that is ``ok`` is simulated with MuJoCo: all drives at 0.7, all at 1.3, then each at its own, drawn evenly; the
-stiffness of the contacts drawn evenly in its logarithm; friction at 0.8 of the plan's, shaken with 2 m/s^2 at 2 Hz.
-Friction is 0.6. Writes drives.csv beside this file: plans, plans that are ok, trials, those that held, the squeeze over
-that of the default reserve, and the time of a plan; half a minute to two minutes for a hand and an object.
+and plans them with the default reserve, with ``drive=0.3`` besides, and with ``drive=0.3, softer=5, stiffer=20``; no
+contact may be pressed with more than 2.5 times the largest force of the default reserve's plan. Each plan that is
+``ok`` is simulated with MuJoCo: all drives at 0.7, all at 1.3, then each at its own, drawn evenly; commands that arrive
+66 ms late; the stiffness of the contacts drawn evenly in its logarithm; friction at 0.8 of the plan's, shaken with
+2 m/s^2 at 2 Hz. The object is fixed until the grasp is complete; jaws whose drives press with an effort do so (torque
+control). Friction is 0.6. Writes drives.csv beside this file: plans, plans that are ok, trials, those that held,
+those whose largest force stayed under the cap from the touch to the end, the squeeze over that of the default reserve,
+and the time of a plan; half a minute to two minutes for a hand and an object.
 """
 
 from __future__ import annotations
@@ -23,10 +26,12 @@ from tqdm import tqdm
 
 import pinograsp as pg
 from pinograsp.errors import PinograspError
-from pinograsp.simulation import Disturbance
+from pinograsp.hands.servos import find_pressing
+from pinograsp.simulation import Disturbance, Servo
 
+SETTINGS = {"hold": 0.5, "sample": 2e-3, "support": "fixed"}
 HERE = Path(__file__).resolve().parent
-MU, SHARE = 0.6, 0.3
+MU, SHARE, DELAY, CAP = 0.6, 0.3, 0.066, 2.5
 RESERVES = {
     "default": pg.Reserve(),
     "drive=0.3": pg.Reserve(drive=SHARE),
@@ -44,8 +49,15 @@ def draw_trials(rng: np.random.Generator, n: int, count: int) -> list[Disturbanc
     gains = [np.full(n, 1 - SHARE), np.full(n, 1 + SHARE)]
     gains += [rng.uniform(1 - SHARE, 1 + SHARE, n) for _ in range(count - len(gains))]
     stiffness = np.exp(rng.uniform(np.log(0.2), np.log(20.0), len(gains)))
-    shaken = {"shake": (2.0, 0.0, 0.0), "shake_frequency": 2.0, "mu": 0.8 * MU}
-    return [Disturbance(drive_gain=one, stiffness=float(k), **shaken) for one, k in zip(gains, stiffness)]
+    other = {"shake": (2.0, 0.0, 0.0), "shake_frequency": 2.0, "mu": 0.8 * MU, "command_delay": DELAY}
+    return [Disturbance(drive_gain=one, stiffness=float(k), **other) for one, k in zip(gains, stiffness)]
+
+
+def find_excess(plan: pg.GraspPlan, seen: pg.Simulation, cap: float) -> float:
+    """The largest force of a part of the hand over its contacts' caps [-]."""
+    links = plan.contacts.links
+    count = [1 if part in plan.contacts.names else max(1, links.count(part)) for part in seen.parts]
+    return float((seen.normal_forces.max(axis=0) / np.array(count)).max() / cap)
 
 
 def main() -> None:
@@ -60,20 +72,24 @@ def main() -> None:
     for hand_name, name in tqdm(work):
         hand, conditions = pg.load_hand(hand_name), pg.GraspConditions(mu=MU)
         found = pg.find_grasps(hand, BODIES[name], conditions, count=16, seed=args.seed, progress=False)
-        trials, default = draw_trials(rng, hand.n, args.trials), np.nan
+        servo = Servo.of(hand, control="torque") if find_pressing(hand).all() else None
+        trials, default, cap = draw_trials(rng, hand.n, args.trials), np.nan, None
         for text, reserve in RESERVES.items():
             started = time.perf_counter()
             row: dict[str, object] = {"hand": hand_name, "object": name, "reserve": text, "ok": False}
             try:
-                plan = pg.plan_best(found, replace(conditions, reserve=reserve))
+                plan = pg.plan_best(found, replace(conditions, reserve=reserve, max_normal_force=cap))
             except PinograspError as error:
                 rows.append({**row, "refused": str(error).splitlines()[0]})
                 continue
             took, squeeze = time.perf_counter() - started, float(plan.forces.normal_forces.sum())
-            default = squeeze if text == "default" else default
+            if cap is None:
+                default, cap = squeeze, CAP * float(plan.forces.normal_forces.max())
             row |= {"ok": plan.status is pg.Status.OK, "plan_s": round(took, 2), "price": squeeze / default}
-            held = [pg.simulate(plan, hold=0.5, disturbance=one).verdict.held for one in trials] if row["ok"] else []
-            rows.append({**row, "trials": len(held), "held": sum(held)})
+            seen = [pg.simulate(plan, servo=servo, disturbance=one, **SETTINGS) for one in trials if row["ok"]]
+            held = sum(one.verdict.held for one in seen)
+            kept = sum(find_excess(plan, one, cap) <= 1.0 for one in seen)
+            rows.append({**row, "cap": cap, "trials": len(seen), "held": held, "under_cap": kept})
     first = header(["pin", "mujoco", "numpy", "clarabel", "pinograsp"], f"seed {args.seed}", f"{args.trials} trials")
     write_rows(HERE / "drives.csv", first, rows)
     print(first)
@@ -89,6 +105,7 @@ def _summarize(text: str, rows: list[dict[str, object]]) -> dict[str, object]:
         "ok": len(good),
         "trials": trials,
         "held": held,
+        "under cap": sum(int(str(row["under_cap"])) for row in good),
         "share": f"{100 * held / max(trials, 1):.0f} %",
         "squeeze": f"{np.median([float(str(row['price'])) for row in good]):.2f}",
         "plan [s]": f"{np.median([float(str(row['plan_s'])) for row in good]):.1f}",

@@ -57,6 +57,9 @@ class DisturbanceOptions:
     drive_gain: str | None = _difference(
         "What all drives, or each, make of what they are told: a factor.", metavar="G[,G...]"
     )
+    delay: str | None = _difference(
+        "How much later all drives, or each, follow their commands \\[ms].", metavar="D[,D...]"
+    )
 
     def read(self, task: Task) -> Disturbance:
         """As a disturbance of the task; :class:`InvalidInput` for texts that say none."""
@@ -105,6 +108,8 @@ class DisturbanceOptions:
             given["joint_friction"] = read_of_joints(hand, "--joint-friction", self.joint_friction, 1.0, 1.0)
         if self.drive_gain is not None:
             given["drive_gain"] = read_of_joints(hand, "--drive-gain", self.drive_gain, 1.0, 1.0)
+        if self.delay is not None:
+            given["command_delay"] = read_of_joints(hand, "--delay", self.delay, 1e-3, 1e-3)
         return Disturbance(**given)
 
 

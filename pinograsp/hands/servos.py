@@ -9,7 +9,7 @@ from pinograsp.checks import each_of, instance_of, shorten
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.drives import SERVO, SLIDING_SERVO
 from pinograsp.hands.model import HandModel
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, BoolArray
 
 # Ratio of damping to stiffness [s], stable for links of hardly any mass. MuJoCo's couplings need damping that is not
 # implicit: critical there.
@@ -25,6 +25,14 @@ def unknown_stiffness(hand: HandModel) -> str | None:
     if not taken:
         return None
     return f"the stiffness of {int(bare.sum())} of {hand.n} joints' servos is a guess: {' and '.join(taken)}"
+
+
+def find_pressing(hand: HandModel) -> BoolArray:
+    """Which joints (n,) a jaw's drive closes until it presses with the effort that is asked for: those that each move
+    with a drive of their own. Where one drive moves several, servos keep the object between them.
+    """
+    alone = {drive.joints[0] for drive in hand.drives if drive.control == "jaw" and len(drive.joints) == 1}
+    return np.isin(hand.joint_names, sorted(alone))
 
 
 def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:

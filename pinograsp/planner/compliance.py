@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -19,7 +21,9 @@ from pinograsp.actuation import (
 from pinograsp.forces import ForceSolution, Reserve, SqueezeScenario
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.efforts import effort_shares
+from pinograsp.hands.servos import find_pressing
 from pinograsp.motion.holding import AWAY, compliant_hand, held_stiffness, push_away
+from pinograsp.motion.torques import soften_servos
 from pinograsp.plan import StiffnessBand
 from pinograsp.spatial import Array
 
@@ -45,9 +49,9 @@ def find_band(hand: HandModel, solution: ForceSolution, q: Array, gains: Array, 
 
 def find_scenarios(hand: HandModel, solution: ForceSolution, q: Array, reserve: Reserve) -> tuple[SqueezeScenario, ...]:
     """What a squeeze becomes on the softest and stiffest contacts of a reserve, and from its weakest and strongest
-    drives, with the hand's own servos.
+    drives, with the servos that the hand closes with.
     """
-    yielding = _yielding_hand(hand, solution, q, servo_gains(hand))
+    yielding = _closing_hand(hand, solution, q)
     found = stiffness_scenarios(solution, yielding, reserve.stiffness_factors) if reserve.stiffness_factors else ()
     share = effort_shares(hand) if reserve.drive == "sheet" else reserve.drive
     return found + (drive_scenarios(solution, yielding, share) if np.any(share) else ())
@@ -98,6 +102,17 @@ def tell_leaving(hand: HandModel, held: ObjectStiffness, gains: Array) -> str | 
 
 def _yielding_hand(hand: HandModel, solution: ForceSolution, q: Array, gains: Array) -> CompliantHand:
     return compliant_hand(hand, solution.problem.contacts, q, gains, solution.profile.final_depth)
+
+
+def _closing_hand(hand: HandModel, solution: ForceSolution, q: Array) -> CompliantHand:
+    """The hand while it closes: softened servos forgive, and jaws press with an effort wherever they come to."""
+    contacts = solution.problem.contacts
+    yielding = _yielding_hand(hand, solution, q, servo_gains(hand))
+    gains = None
+    if contacts.posture is not None:
+        gains = soften_servos(hand, yielding.jacobian.T @ solution.forces_c.ravel())
+    gains = servo_gains(hand) if gains is None else gains
+    return replace(yielding, gains=np.where(find_pressing(hand), 0.0, gains))
 
 
 def _in_words(hand: HandModel, gains: Array) -> str:

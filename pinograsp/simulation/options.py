@@ -111,6 +111,7 @@ class SimulationOptions:
             "joint offset": np.any(disturbance.joint_offset),
             "joint friction": np.any(disturbance.joint_friction),
             "servo gain": disturbance.servo_gain != 1.0,
+            "command delay": np.any(disturbance.command_delay),
             "drive gain": np.any(np.asarray(disturbance.drive_gain) != 1.0),
         }
         for name, given in errors.items():

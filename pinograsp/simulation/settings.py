@@ -29,6 +29,7 @@ from pinograsp.spatial import Array
 
 _ROTOR = 1e-4  # [kg m^2]
 _MOST_MU = 1e6
+_LATEST = 2.0  # [s]
 _STIFFNESSES = (1e-3, 1e4)  # ratios of real to planned contact stiffness: foam for plastic to steel for rubber
 _LIMP = 0.1  # torque control is damped as servos with this share of the default stiffness
 
@@ -285,6 +286,8 @@ class Disturbance:
             has no servos, of the motors' torques to the plan's.
         drive_gain: ratio of what the drives make to what they are told, servos and torques alike, one number or (n,):
             torque constants, and what friction takes.
+        command_delay: how much later than sent the drives follow a command, one number or (n,) [s]; who holds the
+            object until then waits for the last of them.
     """
 
     pushes: tuple[Push, ...] = ()
@@ -301,6 +304,7 @@ class Disturbance:
     joint_friction: float | Array = 0.0
     servo_gain: float = 1.0
     drive_gain: float | Array = 1.0
+    command_delay: float | Array = 0.0
 
     if TYPE_CHECKING:  # arguments may be lists, attributes are arrays
 
@@ -321,6 +325,7 @@ class Disturbance:
             joint_friction: ArrayLike = ...,
             servo_gain: float = ...,
             drive_gain: ArrayLike = ...,
+            command_delay: ArrayLike = ...,
         ) -> None: ...
 
     __repr__ = brief()
@@ -346,10 +351,17 @@ class Disturbance:
             ("joint_offset", "joint offset [rad or m]"),
             ("joint_friction", "joint friction [N m or N]"),
             ("drive_gain", "drive gain"),
+            ("command_delay", "command delay [s]"),
         ):
             value = getattr(self, name)
             put(name, array_of(text, value, (None,)) if floats_of(text, value).ndim else number(text, value))
         at_least_zero("joint friction [N m or N]", self.joint_friction)
+        at_least_zero("command delay [s]", self.command_delay)
+        if np.any(np.asarray(self.command_delay) > _LATEST):
+            raise InvalidInput(
+                f"command delay [s]: expected at most {_LATEST:g} s, got {shorten(self.command_delay)}: are these "
+                "milliseconds?"
+            )
         if np.any(np.asarray(self.drive_gain) <= 0):
             raise InvalidInput(f"drive gain: expected factors > 0, got {shorten(self.drive_gain)}")
 
@@ -396,7 +408,7 @@ class Disturbance:
                 values[name + ("_m" if name.endswith("offset") else "_rad")] = getattr(self, name).tolist()
         if self.start_error is not None:
             values["start_error"] = np.asarray(self.start_error).tolist()
-        for name in ("joint_offset", "joint_friction"):
+        for name in ("joint_offset", "joint_friction", "command_delay"):
             if np.any(getattr(self, name)):
                 values[name] = np.asarray(getattr(self, name)).tolist()
         if np.any(np.asarray(self.drive_gain) != 1.0):

@@ -66,7 +66,9 @@ def simulate(
 def simulate_task(task: Task, options: SimulationOptions) -> Simulation:
     """Simulate a task, as :func:`simulate`."""
     started = time.perf_counter()
-    schedule, disturbance = plan_schedule(task, options), options.disturbance
+    disturbance = options.disturbance
+    task = task.delay_commands(each_of("command delay", disturbance.command_delay, task.hand.n))
+    schedule = plan_schedule(task, options)
     engine = MujocoEngine(
         task,
         time_step=schedule.time_step,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicHermiteSpline
 
 from pinograsp.checks import brief, instance_of
 from pinograsp.errors import InvalidInput
@@ -147,6 +148,30 @@ class Task:
             pin.forwardKinematics(model, data, one)
             where[i] = pin.updateFramePlacement(model, data, frame).homogeneous
         return np.asarray(where[0] @ np.linalg.inv(where) @ poses)
+
+    def delay_commands(self, delay: Array) -> Task:
+        """The same where each joint follows its commands so much later (n,) [s]; what waits for the hand waits for the
+        last of them: t_I, t_F, and the end.
+        """
+        latest = float(delay.max(initial=0.0))
+        if latest == 0.0:
+            return self
+        last, n = float(self.times[-1]), len(delay)
+        every = [self.times + one for one in np.unique(delay)]
+        times = np.unique(np.round(np.concatenate([[0.0], *every]), 9))  # a nanosecond apart at least
+        sent = times[:, None] - delay
+        until = np.clip(sent, 0.0, last)
+        splines = [CubicHermiteSpline(self.times, q, dq) for q, dq in zip(self.q.T, self.dq.T)]
+        moving = (sent >= 0.0) & (sent < last)
+        return replace(
+            self,
+            times=times,
+            q=np.column_stack([splines[j](until[:, j]) for j in range(n)]),
+            dq=np.where(moving, np.column_stack([splines[j](until[:, j], 1) for j in range(n)]), 0.0),
+            torques=np.column_stack([np.interp(until[:, j], self.times, self.torques[:, j]) for j in range(n)]),
+            impact_time=self.impact_time + latest,
+            final_time=float(times[-1]) - self.way,
+        )
 
     @property
     def way(self) -> float:

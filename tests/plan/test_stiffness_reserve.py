@@ -116,3 +116,17 @@ def test_simulated_on_softer_contacts(plan):
     told = plan.force_band(factors=[0.2]).normal_forces[0]
     assert seen.verdict.held
     assert seen.normal_forces[-1][order] == pytest.approx(told, rel=0.15, abs=0.05 * told.max())
+
+
+def test_jaws_press_with_what_their_drive_makes():
+    """An effort, wherever they come to: 0.7 of it is to be what the squeeze would be without doubt about the drive."""
+    hand, ball, conditions = pg.load_hand("panda"), pg.Sphere(radius=0.03, mass=0.1), pg.GraspConditions(mu=0.6)
+    found = pg.find_grasps(hand, ball, conditions, count=16, seed=3, jobs=1, progress=False)
+    sure, plain = (
+        pg.plan_best(found, replace(conditions, reserve=one)) for one in (pg.Reserve(drive=0.3), pg.Reserve())
+    )
+    ratio = sure.forces.normal_forces.sum() / plain.forces.normal_forces.sum()
+    assert ratio == pytest.approx(1 / 0.7, rel=0.02)
+    for gain in (0.7, 1.3):
+        servo, error = Servo.of(hand, control="torque"), Disturbance(drive_gain=gain, stiffness=0.3, mu=0.5)
+        assert pg.simulate(sure, servo=servo, disturbance=error, hold=0.3, support="fixed").verdict.held

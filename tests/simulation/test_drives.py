@@ -158,6 +158,22 @@ def test_gain_errors_of_torque_control_are_those_of_the_torques(linear):
             Disturbance(drive_gain=wrong)
 
 
+def test_late_commands_shift_all_that_waits_for_the_hand(linear):
+    late, settings = 0.066, {"time_step": 5e-4, "hold": 0.1}
+    plain = simulate(linear, **settings)
+    shifted = simulate(linear, disturbance=Disturbance(command_delay=late), **settings)
+    assert shifted.times[-1] - plain.times[-1] == pytest.approx(late, abs=2e-3)
+    assert shifted.release - plain.release == pytest.approx(late, abs=1e-6)
+    assert shifted.verdict.held == plain.verdict.held
+    np.testing.assert_allclose(shifted.normal_forces[-1], plain.normal_forces[-1], rtol=1e-2)
+    each = np.linspace(0.0, late, linear.hand.n)  # the last of them is waited for
+    assert simulate(linear, disturbance=Disturbance(command_delay=each), **settings).release == shifted.release
+    assert Disturbance(command_delay=late).summary()["command_delay"] == late
+    for wrong in (-0.1, 66.0, np.nan):
+        with pytest.raises(InvalidInput, match="command delay"):
+            Disturbance(command_delay=wrong)
+
+
 # -- joints ------------------------------------------------------------------------------------------------------------
 
 
