@@ -54,7 +54,9 @@ def find_scenarios(hand: HandModel, solution: ForceSolution, q: Array, reserve: 
     yielding = _closing_hand(hand, solution, q)
     found = stiffness_scenarios(solution, yielding, reserve.stiffness_factors) if reserve.stiffness_factors else ()
     share = effort_shares(hand) if reserve.drive == "sheet" else reserve.drive
-    return found + (drive_scenarios(solution, yielding, share) if np.any(share) else ())
+    # Jaws press with the effort of their drive, wherever they come to.
+    pressing = replace(yielding, gains=np.where(find_pressing(hand), 0.0, yielding.gains))
+    return found + (drive_scenarios(solution, pressing, share) if np.any(share) else ())
 
 
 def find_gains(hand: HandModel, solution: ForceSolution, q: Array, tolerance: float, factors: ArrayLike) -> GainLimit:
@@ -105,14 +107,13 @@ def _yielding_hand(hand: HandModel, solution: ForceSolution, q: Array, gains: Ar
 
 
 def _closing_hand(hand: HandModel, solution: ForceSolution, q: Array) -> CompliantHand:
-    """The hand while it closes: softened servos forgive, and jaws press with an effort wherever they come to."""
+    """The hand with the servos that it closes with."""
     contacts = solution.problem.contacts
     yielding = _yielding_hand(hand, solution, q, servo_gains(hand))
-    gains = None
-    if contacts.posture is not None:
-        gains = soften_servos(hand, yielding.jacobian.T @ solution.forces_c.ravel())
-    gains = servo_gains(hand) if gains is None else gains
-    return replace(yielding, gains=np.where(find_pressing(hand), 0.0, gains))
+    if contacts.posture is None:
+        return yielding
+    soft = soften_servos(hand, yielding.jacobian.T @ solution.forces_c.ravel())
+    return yielding if soft is None else replace(yielding, gains=soft)
 
 
 def _in_words(hand: HandModel, gains: Array) -> str:
