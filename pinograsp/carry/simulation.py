@@ -12,6 +12,7 @@ from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.carry.loads import LoadedRobot
 from pinograsp.checks import instance_of
 from pinograsp.contacts import law_of
+from pinograsp.hands.servos import find_pressing
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.plan import Simulation
 from pinograsp.simulation import Servo, simulate
@@ -76,7 +77,8 @@ def choose_servo(plan: CarryPlan) -> Servo:
         least = np.minimum(least, 1.0 / np.diag(np.linalg.inv(mass)))
     stiffness[bare] = np.minimum(robot.effort / _GIVES, _QUICKEST**2 * least)[bare]
     damping[bare] = 2.0 * np.sqrt(stiffness * least)[bare]
-    return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control)
+    pressing = find_pressing(robot)
+    return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control, pressing=pressing)
 
 
 def build_simulation_task(plan: CarryPlan, letting_go: float) -> Task:

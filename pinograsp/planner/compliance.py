@@ -31,20 +31,26 @@ _STIFF = 1e3  # times a servo's gain: as if it did not yield
 
 
 def describe_band(hand: HandModel, solution: ForceSolution, q: Array) -> StiffnessBand:
-    """The band of a plan's record: with the hand's own servos, where their gains are known."""
-    gains = servo_gains(hand)
-    band = find_band(hand, solution, q, gains, FACTORS)
+    """The band of a plan's record."""
+    yielding = _closing_hand(hand, solution, q)
+    band = force_band(solution, yielding, FACTORS)
     return StiffnessBand(
-        servos=f"servos of {_in_words(hand, gains)}",
+        servos=_in_words(hand, yielding.gains),
         factors=band.factors,
         normal_forces=band.normal_forces,
         remarks=band.remarks,
     )
 
 
-def find_band(hand: HandModel, solution: ForceSolution, q: Array, gains: Array, factors: ArrayLike) -> ForceBand:
-    """The forces that come on contacts ``factors`` (s,) times as stiff as planned, with servos of ``gains`` (n,)."""
-    return force_band(solution, _yielding_hand(hand, solution, q, gains), factors)
+def find_band(
+    hand: HandModel, solution: ForceSolution, q: Array, stiffness: ArrayLike | None, factors: ArrayLike
+) -> ForceBand:
+    """The forces that come on contacts ``factors`` (s,) times as stiff as planned, with servos of a ``stiffness``, one
+    number or (n,) [N m/rad or N/m]; None: with those that the hand closes with.
+    """
+    if stiffness is None:
+        return force_band(solution, _closing_hand(hand, solution, q), factors)
+    return force_band(solution, _yielding_hand(hand, solution, q, servo_gains(hand, stiffness)), factors)
 
 
 def find_scenarios(hand: HandModel, solution: ForceSolution, q: Array, reserve: Reserve) -> tuple[SqueezeScenario, ...]:
@@ -54,9 +60,7 @@ def find_scenarios(hand: HandModel, solution: ForceSolution, q: Array, reserve: 
     yielding = _closing_hand(hand, solution, q)
     found = stiffness_scenarios(solution, yielding, reserve.stiffness_factors) if reserve.stiffness_factors else ()
     share = effort_shares(hand) if reserve.drive == "sheet" else reserve.drive
-    # Jaws press with the effort of their drive, wherever they come to.
-    pressing = replace(yielding, gains=np.where(find_pressing(hand), 0.0, yielding.gains))
-    return found + (drive_scenarios(solution, pressing, share) if np.any(share) else ())
+    return found + (drive_scenarios(solution, yielding, share) if np.any(share) else ())
 
 
 def find_gains(hand: HandModel, solution: ForceSolution, q: Array, tolerance: float, factors: ArrayLike) -> GainLimit:
@@ -83,7 +87,7 @@ def instability(hand: HandModel, solution: ForceSolution, q: Array, gains: Array
     stiff = push_away(stiffness_of(hand, solution, q, _STIFF * gains), push)
     remedy = "take stiffer servos, or another grasp" if stiff <= AWAY else "its contacts let it, take another grasp"
     return (
-        f"with servos of {_in_words(hand, gains)} the object gives way by {1e3 * away:.2g} mm to a push of "
+        f"with {_in_words(hand, gains)} the object gives way by {1e3 * away:.2g} mm to a push of "
         f"{push:.2g} N, and may creep where it is shaken: {remedy}"
     )
 
@@ -92,7 +96,7 @@ def tell_leaving(hand: HandModel, held: ObjectStiffness, gains: Array) -> str | 
     """How the object would leave by itself, in words; None where it stays."""
     if held.is_stable():
         return None
-    servos = f"the equilibrium is unstable: with servos of {_in_words(hand, gains)}"
+    servos = f"the equilibrium is unstable: with {_in_words(hand, gains)}"
     if held.margin >= 0:
         return f"{servos} the fingers give way by themselves"
     motion = held.weakest
@@ -107,17 +111,20 @@ def _yielding_hand(hand: HandModel, solution: ForceSolution, q: Array, gains: Ar
 
 
 def _closing_hand(hand: HandModel, solution: ForceSolution, q: Array) -> CompliantHand:
-    """The hand with the servos that it closes with."""
+    """The hand with the servos that it closes with; jaws press with their drive's effort, wherever they come to."""
     contacts = solution.problem.contacts
     yielding = _yielding_hand(hand, solution, q, servo_gains(hand))
-    if contacts.posture is None:
-        return yielding
-    soft = soften_servos(hand, yielding.jacobian.T @ solution.forces_c.ravel())
-    return yielding if soft is None else replace(yielding, gains=soft)
+    soft = None
+    if contacts.posture is not None:
+        soft = soften_servos(hand, yielding.jacobian.T @ solution.forces_c.ravel())
+    gains = yielding.gains if soft is None else soft
+    return replace(yielding, gains=np.where(find_pressing(hand), 0.0, gains))
 
 
 def _in_words(hand: HandModel, gains: Array) -> str:
-    """The softest one."""
+    """The softest of the servos."""
     j = int(np.argmin(gains))
+    if gains[j] == 0.0:
+        return f"'{hand.joint_names[j]}' pressing with its effort"
     unit = "N/m" if hand.is_prismatic(hand.model.getJointId(hand.joint_names[j])) else "N m/rad"
-    return f"{gains[j]:.3g} {unit}"
+    return f"servos of {gains[j]:.3g} {unit}"

@@ -108,14 +108,14 @@ class GraspPlan(PlanRecord):
         """The forces that come where the contacts are ``factors`` times as stiff as planned (s,), 1/5 to 20 times.
 
         Servos of ``stiffness``, one number or (n,) [N m/rad or N/m], hold the references that give the planned forces
-        on contacts as planned; 0 is torque control, the default that of the hand's drives where it is known, else
-        50 N m/rad (55.6 kN/m at sliding joints). See
-        :func:`pinograsp.actuation.force_band`.
+        on contacts as planned; 0 is torque control. By default those that the hand closes with: jaws press with their
+        effort, fingers as softly as forgives a misplaced object, others as their drives do (50 N m/rad, 55.6 kN/m
+        at sliding joints, where that is not known). See :func:`pinograsp.actuation.force_band`.
 
         Raises:
             InvalidInput: unusable numbers.
         """
-        return find_band(self.hand, self.solution, self.motion.q[-1], servo_gains(self.hand, stiffness), factors)
+        return find_band(self.hand, self.solution, self.motion.q[-1], stiffness, factors)
 
     def gains_within(self, tolerance: float = 0.2, factors: ArrayLike = FACTORS) -> GainLimit:
         """The stiffest servos with which no normal force is off by more than ``tolerance`` (a share) on such contacts.

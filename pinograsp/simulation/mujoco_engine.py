@@ -67,6 +67,7 @@ class MujocoEngine:
         self.moved: Array = np.zeros(hand.n)  # where the joints are held, from the commands
         self.limit = task.torque_limit
         self.torques: Array = np.zeros(hand.n)
+        self.closed: Array | None = None  # where joints that press with an effort have come to (n,)
         self.friction: Array = np.zeros(hand.n)
         self.most_friction: Array = np.zeros(hand.n) if joint_friction is None else np.array(joint_friction)
         self.rubs = bool(self.most_friction.any())
@@ -171,7 +172,14 @@ class MujocoEngine:
         return Touches(self.part_of_body.take(body), geometry, point, normal, depth, velocity, spin)
 
     def step(
-        self, q: Array, dq: Array, feed_forward: Array, touches: Touches, pressing: Pressing, wrench_o: Array
+        self,
+        q: Array,
+        dq: Array,
+        feed_forward: Array,
+        touches: Touches,
+        pressing: Pressing,
+        wrench_o: Array,
+        limits: tuple[Array, Array] | None = None,
     ) -> None:
         """One step with servos.
 
@@ -182,9 +190,12 @@ class MujocoEngine:
             touches: of the last :meth:`touches`.
             pressing: the contact forces there.
             wrench_o: on the object (6,) [N, N m].
+            limits: between which the motors' torques stay (n,), (n,) [N m or N], besides damping; None: the drives'.
         """
         data, servo = self.data, self.servo
         data.ctrl[:] = self.servoed * (q + self.moved) + (servo.damping * dq + feed_forward) / self.gain
+        if limits is not None:
+            self._press_with_effort(dq, *limits)
         self._press(touches, pressing, wrench_o)
         before = self.dq
         mujoco.mj_step2(self.model, data)
@@ -195,6 +206,18 @@ class MujocoEngine:
         # Damping acts at the end of the step, except for motors at their limits and in hands with coupled joints.
         torques -= free * servo.damping * (self.dq - before)
         self.torques = torques
+
+    def _press_with_effort(self, dq: Array, least: Array, most: Array) -> None:
+        """Keep what motors press with (n,) within limits; their gears let nothing push them back from where they came.
+
+        A limit takes their damping, but of one that is pushed back, or faster than its command dq (n,).
+        """
+        q, way, ctrl = self.q, np.isfinite(most) * 1.0 - np.isfinite(least), self.data.ctrl
+        closed = q if self.closed is None else self.closed
+        self.closed = np.where(way > 0, np.maximum(closed, q), np.where(way < 0, np.minimum(closed, q), q))
+        told = np.clip(way * self.dq, 0.0, np.maximum(way * dq, 0.0))
+        free = self.servoed * q + self.servo.damping / self.gain * way * told
+        ctrl[:] = free + np.clip(ctrl - free, least / self.gain, most / self.gain) + self.closed - q
 
     def _rub(self, implicit: Array) -> None:
         """Change the end of a step by the joints' dry friction.

@@ -25,7 +25,7 @@ from pinograsp.checks import (
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.servos import SETTLING
-from pinograsp.spatial import Array
+from pinograsp.spatial import Array, BoolArray
 
 _ROTOR = 1e-4  # [kg m^2]
 _MOST_MU = 1e6
@@ -51,6 +51,8 @@ class Servo:
             ``"torque"``: the plan's torques alone, with the joints' damping.
         closing: stiffness while the hand closes (n,) [N m/rad or N/m], damped in the ratio of the roots; a tenth of a
             second after t_F the joints are held where they are, with ``stiffness``. None: ``stiffness`` all the time.
+        pressing: joints (n,) that press with no more than the plan's torques, and close on for a tenth of a second
+            after t_F until they do, as jaws with a limit of force; damping comes besides. None: no joint.
 
     Raises:
         InvalidInput: values that are negative, torque control with a stiffness, or position control without one.
@@ -61,11 +63,17 @@ class Servo:
     rotor: Array
     control: Control = "impedance"
     closing: Array | None = None
+    pressing: BoolArray | None = None
 
     __repr__ = brief()
 
     def __post_init__(self) -> None:
         n = floats_of("servo stiffness", self.stiffness).size
+        if self.pressing is not None:
+            pressing = np.array(self.pressing)
+            if pressing.shape != (n,) or pressing.dtype != np.bool_:
+                raise InvalidInput(f"pressing joints: expected {n} of true and false, got {shorten(self.pressing)}")
+            object.__setattr__(self, "pressing", pressing)
         if self.closing is not None:
             closing = array_of("servo stiffness while closing", self.closing, (n,))
             if np.any(closing <= 0) or self.control == "torque":

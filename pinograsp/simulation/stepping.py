@@ -136,7 +136,8 @@ class Trial:
             engine.step_prescribed(course.ddq[now], touches, pressing, wrench)
             after = course.dq[course.row(i + 1)]
         else:
-            engine.step(course.q[now], course.dq[now], course.torques[now], touches, pressing, wrench)
+            commands = course.q[now], course.dq[now], course.torques[now]
+            engine.step(*commands, touches, pressing, wrench, course.limits(now))
             after = engine.dq
         object_after = engine.object_twist
         if not np.abs(after).max(initial=0.0) < _FASTEST or not np.isfinite(object_after).all():

@@ -15,6 +15,7 @@ from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, BoolArray
 
 RESTING = 5e-4  # [m] of motion in the last fifth of the hold, of shaken hands whole periods apart
+SWINGING = 2e-3  # [m] from one side to the other, of an object that swings on its contacts in the last fifth
 GONE = 0.05  # [m] an object that has moved this far is lost
 SLIPPED = 1e-4  # [m]
 _BEYOND = 1e-3  # [rad or m] past a joint's limit
@@ -49,11 +50,11 @@ def judge(
     disturbance, support = options.disturbance, options.support
     times, poses, complete, parts = history.times, history.object_poses, history.complete, history.parts
     normal, planned = history.normal_forces, history.planned_forces
-    # Soft servos close on until a little after t_F, and may take the object along.
-    servo = options.servo
-    closing = support == "table" and (task.closing_stiffness if servo is None else servo.closing) is not None
-    closed = min(int(np.searchsorted(times, times[complete] + CLOSED - 1e-9)), len(times) - 1) if closing else complete
-    start, end = poses[0 if support == "none" else closed], poses[-1]
+    # A hand may close on until a little after t_F, and take the object along.
+    closed = complete
+    if support not in (None, "fixed"):
+        closed = min(int(np.searchsorted(times, times[complete] + CLOSED - 1e-9)), len(times) - 1)
+    start, end = poses[closed], poses[-1]
     drift = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
     turned = end[:3, :3] @ start[:3, :3].T
     turn = float(np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1))))
@@ -63,8 +64,8 @@ def judge(
     shaken = 1.0 / disturbance.shake_frequency if np.any(disturbance.shake) else None
     held, reason = _decide(history, drift, turn, release, task.way, gone, shaken)
     moved = float(np.linalg.norm(poses[closed, :3, 3] - poses[0, :3, 3]))
-    if support == "table" and moved > SLIPPED:
-        reason += f"; the hand had moved it by {1e3 * moved:.2f} mm until the grasp was complete"
+    if moved > SLIPPED:
+        reason += f"; it had moved by {1e3 * moved:.2f} mm until the grasp was complete"
 
     # Averages over the last tenth of the hold remove small oscillations.
     holding = times.size - int(np.searchsorted(times, times[complete] + task.way))
@@ -117,14 +118,28 @@ def _decide(
     last = 0.2 * max(since - way, 0.0)
     if in_phase := shaken is not None and shaken <= since:
         last = shaken * min(np.ceil(last / shaken), since // shaken)
-    resting = poses[times >= times[-1] - last - 1e-9]
-    resting = resting[[0, -1]] if in_phase else resting
-    still = float(np.linalg.norm(resting[:, :3, 3] - resting[-1, :3, 3], axis=1).max())
+    late = times >= times[-1] - last - 1e-9
+    resting = poses[late, :3, 3]
+    still = _creep(times[late], resting, shaken if in_phase else None)
     if not still <= RESTING:
         return False, f"the object still creeps: {1e3 * still:.2f} mm in the last {last:.2f} s"
+    swing = 0.0 if shaken else float(np.linalg.norm(np.ptp(resting, axis=0)))
+    if not swing <= SWINGING:
+        return False, f"the object still swings by {1e3 * swing:.2f} mm"
     if not history.normal_forces[-1].any():
         return False, f"nothing touched the object {since:.2f} s after it was let go"
-    return True, f"{1e3 * drift:.3f} mm and {turn:.2f} deg after {since:.2f} s"
+    swings = f", swinging by {1e3 * swing:.2f} mm" if swing > RESTING else ""
+    return True, f"{1e3 * drift:.3f} mm and {turn:.2f} deg after {since:.2f} s{swings}"
+
+
+def _creep(times: Array, positions: Array, period: float | None) -> float:
+    """How far positions (s, 3) [m] at times (s,) went steadily, besides swings, those of a ``period`` [s] above all."""
+    since = times - times[0]
+    columns = [np.ones_like(since), since]
+    if period is not None:
+        columns += [wave(2 * np.pi * since / period) for wave in (np.sin, np.cos)]
+    rate = np.linalg.lstsq(np.column_stack(columns), positions, rcond=None)[0][1]
+    return float(np.linalg.norm(rate) * since[-1])
 
 
 def _audit(energies: Mapping[str, Array]) -> float:

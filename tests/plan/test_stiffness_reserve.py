@@ -128,5 +128,19 @@ def test_jaws_press_with_what_their_drive_makes():
     ratio = sure.forces.normal_forces.sum() / plain.forces.normal_forces.sum()
     assert ratio == pytest.approx(1 / 0.7, rel=0.02)
     for gain in (0.7, 1.3):
-        servo, error = Servo.of(hand, control="torque"), Disturbance(drive_gain=gain, stiffness=0.3, mu=0.5)
-        assert pg.simulate(sure, servo=servo, disturbance=error, hold=0.3, support="fixed").verdict.held
+        error = Disturbance(drive_gain=gain, stiffness=0.3, mu=0.5)
+        assert pg.simulate(sure, disturbance=error, hold=0.3, support="fixed").verdict.held
+
+
+@pytest.mark.parametrize("stiffness", [0.3, 20.0])
+def test_jaws_press_as_planned_on_other_contacts(stiffness):
+    """From t_I on they close on until they press with the plan's effort; overshoot and gears leave a little more."""
+    box, conditions = pg.Box(size=(0.05, 0.05, 0.12), mass=0.3), pg.GraspConditions(mu=0.6)
+    found = pg.find_grasps(pg.load_hand("panda"), box, conditions, count=16, seed=4, jobs=1, progress=False)
+    plan = pg.plan_best(found, conditions)
+    other = pg.simulate(plan, disturbance=Disturbance(stiffness=stiffness), support="fixed", hold=0.3)
+    ratio = other.normal_forces[-1].sum() / plan.forces.normal_forces.sum()
+    assert other.verdict.held and 0.97 < ratio < 1.15
+    stiff = Servo.of(plan.hand)
+    position = pg.simulate(plan, servo=stiff, disturbance=Disturbance(stiffness=stiffness), support="fixed", hold=0.3)
+    assert not 0.5 < position.normal_forces[-1].sum() / plan.forces.normal_forces.sum() < 2.0
