@@ -31,7 +31,8 @@ class GraspConditions(ForceSettings):
 
     Attributes:
         mu: friction coefficient of all contacts [-].
-        max_normal_force: cap on every F_n [N]; None: no cap.
+        max_normal_force: cap on every F_n [N]; None: no cap. Fingers whose closing tables are known (their drives' data
+            sheets) are asked for less, so that they keep it in 95 % of their closings.
         torque_limit: largest |torque| while the hand holds: ``"effort"`` (its own limits; joints without one are not
             limited), one number or (n,) [N m]; None: not limited.
         reserve: what the forces of a plan are to withstand besides the weight; None: nothing.

@@ -102,22 +102,24 @@ def write_closings(closings: Sequence[FingerClosing], path: str | Path) -> None:
     write_table(path, ["drive", "speed", "limit", "force_N", "expected_N", "low_N", "high_N"], rows)
 
 
-def write_registers(hand: HandModel, drives: JointTrajectory, path: str | Path, *, efforts: bool) -> tuple[str, ...]:
+def write_registers(plan: PlanRecord, drives: JointTrajectory, path: str | Path, *, efforts: bool) -> tuple[str, ...]:
     """Write a trajectory of drives in whole register units: ``time``, and by drive ``DRIVE/position`` [encoder steps
     from where its coordinate is zero] and ``DRIVE/effort`` [units of its effort register].
 
     Args:
-        hand: whose drives these are.
+        plan: whose hand's drives these are.
         drives: of :func:`~pinograsp.handover.drive_commands`.
         path: an existing file is replaced.
         efforts: whether efforts are commanded: with columns of their own; else positions alone.
 
     Returns:
-        What rounding costs: a unit as a share of what the drives hold with, and those that hold with less than two.
+        What rounding costs: a unit as a share of what the drives hold with, and in newtons of their fingers' forces,
+        and those that hold with less than two.
 
     Raises:
         InvalidInput: drives whose encoder step, or whose effort step, is not known. ResultsNotWritten.
     """
+    hand = plan.require_hand()
     wanted = {"step": [drive.step for drive in hand.drives]}
     if efforts:
         if not any(wanted["step"]):  # torques alone, then
@@ -137,23 +139,29 @@ def write_registers(hand: HandModel, drives: JointTrajectory, path: str | Path, 
         head += [f"{no_formula(name)}/effort" for name in drives.names]
         steps = np.array(wanted["effort_step"], dtype=float)
         columns.append(np.rint(drives.effort / steps))
-        notes = _tell_rounding(hand, np.abs(drives.effort[-1]), steps)
+        forces = press_of_drives(hand, plan.contacts.links, plan.forces.normal_forces)
+        notes = _tell_rounding(hand, np.abs(drives.effort[-1]), steps, forces)
     whole = np.column_stack(columns).astype(int).tolist()
     write_table(path, head, [[time, *row] for time, row in zip(drives.times.tolist(), whole)])
     return tuple(notes)
 
 
-def _tell_rounding(hand: HandModel, held: Array, steps: Array) -> list[str]:
-    """What a unit of the effort registers is of the efforts (m,) that drives hold with."""
+def _tell_rounding(hand: HandModel, held: Array, steps: Array, forces: dict[str, float]) -> list[str]:
+    """What a unit of the effort registers is of the efforts (m,) that drives hold with, and of their ``forces`` [N]."""
     pressing = held > _PRESSES * held.max()
     if not pressing.any():
         return []
     share = 100 * steps[pressing] / held[pressing]
-    notes = [f"a unit of the effort registers is {share.min():.2g} to {share.max():.2g} % of what the drives hold with"]
+    worth = np.array([forces[drive.name] for drive in hand.drives])[pressing] * share / 100
+    notes = [
+        f"a unit of the effort registers is {share.min():.2g} to {share.max():.2g} % of what the drives hold with, up "
+        f"to {worth.max():.2g} N of their fingers' forces"
+    ]
     for i in np.flatnonzero(pressing & (held < _STEPS * steps)).tolist():
+        drive = hand.drives[i].name
         notes.append(
-            f"drive {hand.drives[i].name} holds with {held[i] / steps[i]:.2g} units of its register: rounding changes "
-            f"its effort by up to {50 * steps[i] / held[i]:.0f} %"
+            f"drive {drive} holds with {held[i] / steps[i]:.2g} units of its register: rounding changes its effort by "
+            f"up to {50 * steps[i] / held[i]:.0f} %, and the {forces[drive]:.2g} N of its finger with it"
         )
     return notes
 

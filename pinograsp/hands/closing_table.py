@@ -12,6 +12,7 @@ from pinograsp.checks import array_of, brief, number, one_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.estimates import Estimate
 
+_FORCES = 50  # that are tried between the gentlest and the strongest closing
 _SAME = 1e-9  # relative: one speed, or one limit
 
 
@@ -130,6 +131,17 @@ class ClosingTable:
             )
         i = min(keeps, key=lambda k: (-self.speeds[k], self.limits[k]))
         return ClosingCommand(self.speeds[i], self.limits[i], self.predict(self.speeds[i], self.limits[i]))
+
+    def find_strongest(self, cap: float) -> ClosingCommand:
+        """The closing of :meth:`find_command` with the largest peak that stays under a cap [``unit``] in 95 % of the
+        trials; else the fastest touch.
+
+        Raises:
+            InvalidInput: a cap that none of them keeps, as :meth:`find_touch`.
+        """
+        forces = np.linspace(min(self.peaks), max(self.peaks), _FORCES)
+        keeping = [one for one in map(self.find_command, forces[forces <= cap]) if one.peak.high <= cap]
+        return max(keeping, key=lambda one: one.peak.value) if keeping else self.find_touch(cap)
 
     def find_command(self, force: float) -> ClosingCommand:
         """Speed and limit whose peak is a force [``unit``]: at the slowest speed that reaches it, where the peak

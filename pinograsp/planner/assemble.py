@@ -45,6 +45,7 @@ from pinograsp.plan import (
 from pinograsp.planner.compliance import instability
 from pinograsp.planner.drive_cautions import drive_cautions, drive_notes
 from pinograsp.planner.grasp_plan import GraspPlan
+from pinograsp.planner.overshoot import tell_caps
 from pinograsp.spatial import Array
 
 _SLIDES = 1e-4  # [m] across the normal: worth a caution
@@ -109,7 +110,7 @@ def assemble_plan(
         forces=_forces(solution, motion),
         motion=motion,
         cautions=cautions,
-        notes=(*others, *closed, *changed, *notes, *drive_notes(hand, motion)),
+        notes=(*others, *closed, *changed, *notes, *drive_notes(hand, motion), *tell_caps(hand, problem)),
         closing=None if closure is None else closure.summary(),
         elapsed=elapsed,
         versions=_versions(solution.solver),

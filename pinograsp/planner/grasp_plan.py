@@ -172,7 +172,7 @@ class GraspPlan(PlanRecord):
             write_closings(closing_commands(self), path)
             return trajectory
         if units == "register":
-            notes = write_registers(self.hand, trajectory, path, efforts=command != "position")
+            notes = write_registers(self, trajectory, path, efforts=command != "position")
             return replace(trajectory, notes=(*trajectory.notes, *notes))
         if command == "jaw":
             write_jaws(jaw_commands(self, shortfall=commanding.get("shortfall", SHORTFALL)), path)

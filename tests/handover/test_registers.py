@@ -11,6 +11,7 @@ import pytest
 import pinograsp as pg
 from pinograsp.errors import InvalidInput
 from pinograsp.handover import closing_commands
+from pinograsp.handover.jaws import group_contacts
 from pinograsp.hands.sheets import apply_sheet
 from pinograsp.planner import plan_best
 
@@ -87,6 +88,28 @@ def test_fingers_that_press_with_less_than_they_can_are_told(plan):
     hand = plan.hand.with_drives([replace(one, closing=strong) for one in plan.hand.drives])
     with pytest.raises(InvalidInput, match="plan for more"):
         closing_commands(replace(plan, hand=hand))
+
+
+def test_caps_are_kept_with_what_fingers_come_to_when_they_close():
+    """A finger that closes until a limit comes to more than its median in some closings: those keep the cap, too."""
+    ball, capped = pg.Sphere(radius=0.03, mass=0.4), replace(CONDITIONS, max_normal_force=6.0)
+    hand = pg.load_hand("psyonic_right")
+    found = pg.find_grasps(hand.with_drives(apply_sheet(hand, "inspire_rh56").drives), ball, capped, count=8, seed=1)
+    plan = plan_best(found, capped)
+    caps = plan.problem.max_normal_force
+    assert np.all(caps <= 6.0) and np.any(caps < 6.0)
+    assert any("asked for" in note for note in plan.notes)
+    table = plan.hand.drives[0].closing
+    parts = group_contacts(plan.hand, plan.contacts.links)
+    pressing = {name: float(plan.forces.normal_forces[rows].sum()) for name, rows in parts.items() if name}
+    strong = {name: force for name, force in pressing.items() if force > min(table.peaks)}
+    assert strong and all(table.find_command(strong[name]).peak.high <= 6.0 * len(parts[name]) for name in strong)
+    strongest = table.find_strongest(4.0)
+    assert strongest.peak.high <= 4.0 and strongest.peak.value >= table.find_touch(2.0).peak.value
+    with pytest.raises(InvalidInput, match="gentlest"):
+        table.find_strongest(0.9)
+    with pytest.raises(InvalidInput, match=r"drive .* gentlest"):
+        plan_best(found, replace(capped, max_normal_force=0.3))
 
 
 def test_what_has_no_registers_is_refused(plan, tmp_path):
