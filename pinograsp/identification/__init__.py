@@ -2,18 +2,12 @@
 
 from pinograsp.hands.estimates import Estimate
 from pinograsp.identification.closings import ContactFit, IdentifiedClosings, identify_closings
+from pinograsp.identification.loads import identify_load
 from pinograsp.identification.logs import Log, read_log
-from pinograsp.identification.motion import (
-    DriveFit,
-    IdentifiedMotion,
-    MotionLog,
-    apply_fits,
-    identify_friction,
-    identify_load,
-    identify_motion,
-    read_motion,
-)
+from pinograsp.identification.motion import DriveFit, IdentifiedMotion, apply_fits, identify_motion
+from pinograsp.identification.motion_log import MotionLog, read_motion
 from pinograsp.identification.servos import Motor, identify_servo_stiffness, read_bam, read_duty
+from pinograsp.identification.slips import identify_friction
 
 __all__ = [
     "ContactFit",

@@ -1,0 +1,94 @@
+"""What a hand lifts, by drives that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from pinograsp.checks import array_of
+from pinograsp.errors import InvalidInput
+from pinograsp.hands import HandModel
+from pinograsp.hands.estimates import Estimate
+from pinograsp.identification.estimates import widen
+from pinograsp.identification.motion import IdentifiedMotion, draw_blocks, make_torque
+from pinograsp.identification.motion_log import MotionLog, differentiate, find_moving, find_window
+from pinograsp.motion.torques import inverse_dynamics
+from pinograsp.spatial import Array, IntArray
+
+# Intervals are wider than the bootstrap has them, as those of drives: see motion.py.
+_MASS_WIDER, _MASS_SHARE = 1.5, 0.005
+_LENGTHS = np.array([1.0, 0.05, 0.05, 0.05])  # units of m [kg] and m c [kg m] that are alike, by lengths of a hand
+_TOLD = 0.95  # share of a figure that the motion tells
+
+
+def identify_load(
+    hand: HandModel,
+    log: MotionLog,
+    drives: IdentifiedMotion,
+    link: str,
+    *,
+    gravity_o: ArrayLike = (0.0, 0.0, -9.81),
+    seed: int = 0,
+) -> tuple[Estimate, Array | None]:
+    """Mass that a link carries besides its own [kg], and its centre of mass in the link's frame (3,) [m]; None where
+    the motion does not tell it: joints with parallel axes do not tell where it is along them.
+
+    Where the motion does not tell the mass from where it is, as of the last joint alone, it is taken to be at the
+    link's origin.
+
+    Args:
+        hand, gravity_o, seed: as for :func:`identify_motion`.
+        log: of the hand that moves with it.
+        drives: identified without it.
+        link: that carries it.
+
+    Raises:
+        InvalidInput: a link that there is not, joints that move together, no drive that is known.
+    """
+    if hand.model.njoints - 1 != hand.n:
+        raise InvalidInput("load: expected a hand whose joints move one by one, got one with coupled joints")
+    frame = hand.model.frames[hand.frame_id(link)]
+    path = differentiate(log)
+    torques = inverse_dynamics(hand, *path, gravity_o=gravity_o)
+    model = hand.model.copy()
+    model.gravity.linear = array_of("gravity", gravity_o, (3,))
+    data, first = model.createData(), 10 * (int(frame.parentJoint) - 1)
+    known = [(i, drive) for i, drive in enumerate(hand.drives) if drive.name in drives.drives]
+    if not known:
+        raise InvalidInput("drives: expected one or more that are known, got none")
+    rows = range(0, len(log.times), max(1, len(log.times) // 2000))
+    regressors = np.array(
+        [
+            pin.computeJointTorqueRegressor(model, data, *(one[s] for one in path))[:, first : first + 4].copy()
+            for s in rows
+        ]
+    )
+    blocks, wanted = [], []
+    for i, drive in known:
+        j, fit = hand.joint_names.index(drive.joints[0]), drives.drives[drive.name]
+        made = drive.arms[0] * make_torque(fit, log, i, path[1][:, j], path[2][:, j])
+        moving = find_moving(path[1][:, j], find_window(log))[rows] & np.isfinite(made[rows])
+        blocks.append(np.where(moving[:, None], regressors[:, j], 0.0))
+        wanted.append(np.where(moving, made[rows] - torques[rows, j], 0.0))
+    A, y = np.stack(blocks, axis=1), np.stack(wanted, axis=1)  # (s, drives, 4), (s, drives)
+    # What the motion tells of m and m c, lengths in 50 mm: directions of large singular values.
+    values, directions = np.linalg.svd(A.reshape(-1, 4) * _LENGTHS, full_matrices=False)[1:]
+    told = directions[values > 0.02 * values[0]]
+    share = np.sum(told**2, axis=0)
+    if share[0] < _TOLD:  # the mass alone is not: taken as if it were at the link's origin
+        lever = frame.placement.translation
+        A, told, share = A[..., :1] + A[..., 1:] @ lever[:, None], np.ones((1, 1)), np.zeros(4)
+
+    def solve(chosen: IntArray) -> Array:
+        columns = A[chosen].reshape(-1, A.shape[-1]) * _LENGTHS[: A.shape[-1]] @ told.T
+        found = told.T @ np.linalg.lstsq(columns, y[chosen].ravel(), rcond=None)[0]
+        return np.asarray(found * _LENGTHS[: A.shape[-1]])
+
+    best = solve(np.arange(len(A)))
+    dt = float(np.median(np.diff(log.times))) * rows.step
+    drawn = np.array([solve(chosen) for chosen in draw_blocks(len(A), dt, np.random.default_rng(seed))])
+    mass = widen(best[0], drawn[:, 0], _MASS_WIDER, _MASS_SHARE)
+    if share.min() < _TOLD or best[0] <= 0:
+        return mass, None
+    return mass, np.asarray(frame.placement.actInv(best[1:] / best[0]))
