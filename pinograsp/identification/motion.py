@@ -28,6 +28,7 @@ _RESAMPLES = 200
 # benchmarks/identified_logs.py hides (measured servos, model m6 of Rhoban's BAM).
 _DRIVE_WIDER, _DRIVE_SHARE = 3.0, 0.01
 _KNOWN = 0.3  # half width of an interval, as a share of its value: more is not identified
+_DEVIATIONS = 1.96  # standard deviations on either side in 95 %
 _CLEAR = 3.0  # times the median error of the fit: torque that tells a constant
 
 
@@ -42,6 +43,7 @@ class DriveFit(NamedTuple):
         friction, viscous, armature, offset: [N m, N m s/rad, kg m^2, N m], or with N and m.
         delay: by which the register follows the motion [s]; below 0 it runs ahead.
         error: median error of the torque [N m or N].
+        covariance: of the first seven figures, in their order (7, 7).
     """
 
     effort_step: Estimate
@@ -53,6 +55,7 @@ class DriveFit(NamedTuple):
     offset: Estimate
     delay: float
     error: float
+    covariance: Array
 
 
 _REGRESSED = ("effort_step", "load_friction", "outer_friction", "friction", "viscous", "armature", "offset")
@@ -210,7 +213,10 @@ def _fit_drive(
             f"the torque that its motion takes, {np.ptp(y):.2g} N m or N from end to end, is lost in friction: mount "
             "the hand so that the joint lifts against gravity, or fix a known mass to the link (masses=)"
         )
-    return DriveFit(**fitted, delay=float(delay), error=error)
+    spread = np.array([(fitted[name].high - fitted[name].low) / (2 * _DEVIATIONS) for name in _REGRESSED])
+    deviations = np.std(samples, axis=0, ddof=1)
+    covariance = np.cov(samples.T) * np.outer(*2 * [spread / np.where(deviations > 0, deviations, 1.0)])
+    return DriveFit(**fitted, delay=float(delay), error=error, covariance=covariance)
 
 
 def _solve(A: Array, y: Array, Z: Array) -> Array:

@@ -144,6 +144,11 @@ def test_bags_of_joint_states(tmp_path, columns, kind):
     np.testing.assert_array_equal(log.position, columns["position"])
     np.testing.assert_array_equal(log.force, columns["force"])
     np.testing.assert_allclose(log.time, 0.005 * np.arange(len(log.time)), atol=1e-9)
+    if kind == "MCAP":  # a file alone, as recorders leave it that were stopped
+        alone = next(place.glob("*.mcap")).rename(tmp_path / "alone.mcap")
+        place = alone
+        log = read_log(alone, columns={"position": "finger/position", "force": "finger/effort"}, units=COUNTS)
+        np.testing.assert_array_equal(log.position, columns["position"])
     with pytest.raises(InvalidInput, match="did you mean 'finger/effort'"):
         read_log(place, columns={"position": "finger/position", "force": "finger/efort"}, units=COUNTS)
 

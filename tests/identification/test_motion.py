@@ -74,6 +74,11 @@ def test_drives_come_back_with_their_friction_and_delay(hand, seed):
     assert fit.delay == pytest.approx(late, abs=0.006)
     told = (1 + fit.outer_friction.value) / (1 - fit.load_friction.value)
     assert told == pytest.approx((1 + outer) / (1 - gears), rel=0.06)
+    covariance = fit.covariance
+    np.testing.assert_allclose(covariance, covariance.T, atol=1e-12 * np.abs(covariance).max())
+    assert np.sqrt(covariance[0, 0]) == pytest.approx((fit.effort_step.high - fit.effort_step.low) / 3.92, rel=1e-9)
+    deviations = np.sqrt(np.diag(covariance))
+    assert np.linalg.eigvalsh(covariance / np.outer(*2 * [np.where(deviations > 0, deviations, 1.0)])).min() > -1e-9
     # A drive's share is the ratio of what drives and what brakes; both together decide the torque constant.
 
 
