@@ -17,7 +17,10 @@ from pinograsp.errors import InvalidInput
 
 if TYPE_CHECKING:
     from pinograsp.identification import Estimate, IdentifiedClosings
+    from pinograsp.spatial import Array
 
+_OF_CLOSINGS = {"columns", "units", "newtons", "cap", "force", "drive"}  # options, as a session has them typed
+_OF_MOTION = {"masses", "gravity"}
 _log = partial(option, "How to read the logs")
 _sheet = partial(option, "What to make of them")
 
@@ -104,9 +107,7 @@ def _identify_drives(logs: list[Path], reading: LogOptions, sheet: SheetOptions,
     from pinograsp.identification import apply_fits, identify_motion, read_motion
     from pinograsp.writing import write_file
 
-    useless = {"--column": reading.columns, "--unit": reading.units, "--newtons": reading.newtons, "--cap": sheet.cap}
-    useless |= {"--for-force": sheet.force, "--drive": None if sheet.drive == "*" else sheet.drive}
-    if typed := [name for name, value in useless.items() if value]:
+    if typed := [name for key, name in session.typed.items() if key in _OF_CLOSINGS]:
         raise InvalidInput(f"{', '.join(typed)}: expected for closings on a stop, got them with --hand")
     if len(logs) != 1:
         raise InvalidInput(f"--hand: expected one log, got {len(logs)}")
@@ -146,8 +147,10 @@ def _identify_drives(logs: list[Path], reading: LogOptions, sheet: SheetOptions,
     )
 
 
-def _plain(value: Estimate | float) -> Any:
-    return value if isinstance(value, float) else value._asdict()
+def _plain(value: Estimate | Array | float) -> Any:
+    if isinstance(value, float):
+        return value
+    return value._asdict() if isinstance(value, tuple) else value.tolist()
 
 
 def _identify_closings(logs: list[Path], reading: LogOptions, sheet: SheetOptions, session: Session) -> None:
@@ -155,8 +158,8 @@ def _identify_closings(logs: list[Path], reading: LogOptions, sheet: SheetOption
     from pinograsp.identification import identify_closings, read_log
     from pinograsp.writing import write_file
 
-    if reading.masses or reading.gravity != LogOptions().gravity:
-        raise InvalidInput("--mass, --gravity: expected with --hand, got them for closings on a stop")
+    if typed := [name for key, name in session.typed.items() if key in _OF_MOTION]:
+        raise InvalidInput(f"{', '.join(typed)}: expected with --hand, got them for closings on a stop")
     newtons = None if reading.newtons is None else read_numbers("--newtons", reading.newtons, (2,), "slope and offset")
     columns, units = read_pairs("--column", reading.columns), read_pairs("--unit", reading.units)
     found = identify_closings([read_log(log, columns=columns, units=units) for log in logs], newtons=newtons)
