@@ -66,6 +66,21 @@ class ContactFit:
         slopes = rho * k ** (1 / rho) * force ** (1 - 1 / rho)
         return widen(slopes[0], slopes, _WIDER, _SHARE)
 
+    def reserve_factors(self, force: float) -> tuple[float, float]:
+        """How many times as soft and as stiff as its best fit the contact may be [-], for ``Reserve(softer=, stiffer=)``:
+        the ratios of K to which the interval of the slope at a force comes.
+
+        Raises:
+            InvalidInput: a force beyond those of the closings, or a slope that is not known at all.
+        """
+        slope, rho = self.slope(force), self.fits[0, 2]
+        if slope.low <= 0:
+            raise InvalidInput(
+                f"contact: expected a slope that is known, got {slope.low:.3g} to {slope.high:.3g}: log closings with "
+                "more limits of the force"
+            )
+        return float((slope.value / slope.low) ** rho), float((slope.high / slope.value) ** rho)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class IdentifiedClosings:

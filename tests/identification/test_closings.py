@@ -57,6 +57,10 @@ def test_peaks_lag_speed_and_contact_law_come_back(tmp_path, seed):
     for force in np.quantile(found.contact.forces, [0.3, 0.5, 0.7]):
         slope = exponent * stiffness ** (1 / exponent) * force ** (1 - 1 / exponent)
         assert found.contact.slope(force).value == pytest.approx(slope, rel=0.2)
+        softer, stiffer = found.contact.reserve_factors(force)
+        told = found.contact.slope(force)
+        assert softer >= 1.0 and stiffer >= 1.0
+        assert softer * stiffer == pytest.approx((told.high / told.low) ** found.contact.fits[0, 2])
     assert found.contact.error < 0.2  # half a count is up to a tenth of the force
 
 
