@@ -67,8 +67,8 @@ class ContactFit:
         return widen(slopes[0], slopes, _WIDER, _SHARE)
 
     def reserve_factors(self, force: float) -> tuple[float, float]:
-        """How many times as soft and as stiff as its best fit the contact may be [-], for ``Reserve(softer=, stiffer=)``:
-        the ratios of K to which the interval of the slope at a force comes.
+        """How many times as soft and as stiff as its best fit the contact may be [-], for ``Reserve(softer=)`` and
+        ``stiffer=``: the ratios of K to which the interval of the slope at a force comes.
 
         Raises:
             InvalidInput: a force beyond those of the closings, or a slope that is not known at all.
