@@ -11,6 +11,7 @@ import numpy as np
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem
 from pinograsp.handover.jaws import group_contacts
+from pinograsp.handover.registers import press_of_drives
 from pinograsp.hands import HandModel
 from pinograsp.hands.closing_table import ClosingTable
 from pinograsp.hands.drives import Drive
@@ -48,10 +49,47 @@ def lower_caps(hand: HandModel, problem: ForceProblem) -> ForceProblem:
     return problem if np.array_equal(caps, problem.max_normal_force) else replace(problem, max_normal_force=caps)
 
 
+def slow_squeeze(hand: HandModel, problem: ForceProblem) -> ForceProblem:
+    """The problem with impact times at which fingers touch slowly enough for their caps.
+
+    A finger that is to stop where it touches goes on for the latency of its drive, at the speed of the impact (Eq. 22),
+    c delta_F / tau: delta_F is the final depth, tau = t_F - t_I, c that of the deceleration's shape (2 for the constant
+    one). With tau at least c times the latency that is within delta_F, and so within the cap.
+
+    Raises:
+        InvalidInput: a final time that leaves no time for that.
+    """
+    least = _least_squeeze(hand, problem)
+    early, late = problem.impact_time_range
+    latest = problem.final_time - least
+    if late <= latest:
+        return problem
+    if latest <= 0.0:
+        raise InvalidInput(
+            f"final time: expected more than {least:.3g} s, for which fingers press that touch gently enough for their "
+            f"drives' latency, got {problem.final_time:g} s"
+        )
+    return replace(problem, impact_time_range=(min(early, latest), latest))
+
+
+def _least_squeeze(hand: HandModel, problem: ForceProblem) -> float:
+    """The least t_F - t_I [s] for the latency of drives that press under a cap; 0: none is known."""
+    if problem.max_normal_force is None:
+        return 0.0
+    pressing = press_of_drives(hand, [contact.link for contact in problem.contacts], np.ones(problem.k))
+    slowest = max((drive.latency or 0.0 for drive in hand.drives if pressing[drive.name] > 0), default=0.0)
+    return slowest * problem.shape.speed_factor / problem.shape.depth_factor
+
+
 def tell_caps(hand: HandModel, problem: ForceProblem) -> Iterator[str]:
     """What the caps of a problem of :func:`lower_caps` are, in words."""
     if problem.max_normal_force is None:
         return
+    if (least := _least_squeeze(hand, problem)) > 0:
+        yield (
+            f"the squeeze takes {least:.3g} s or more, so that a finger that is to stop where it touches goes on for "
+            "its drive's latency and stays under its cap"
+        )
     for finger in _closing_fingers(hand, problem):
         cap = float(problem.max_normal_force[finger.contacts].sum())
         if min(finger.table.peaks) <= cap <= max(finger.table.peaks):

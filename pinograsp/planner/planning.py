@@ -21,7 +21,7 @@ from pinograsp.planner.assemble import assemble_plan
 from pinograsp.planner.drive_cautions import find_wrong_way
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.options import AS_USUAL, PlanOptions
-from pinograsp.planner.overshoot import lower_caps
+from pinograsp.planner.overshoot import lower_caps, slow_squeeze
 from pinograsp.planner.refusals import with_advice
 from pinograsp.planner.rounds import search_forces_and_motion
 
@@ -150,7 +150,7 @@ class GraspTask:
         body = instance_of("object", closure.object, Body)
         if conditions.table:
             motion = replace(motion, table=SupportPlane.under(body, conditions.gravity_o))
-        problem = lower_caps(closure.hand, conditions.problem(body, closure.contacts()))
+        problem = slow_squeeze(closure.hand, lower_caps(closure.hand, conditions.problem(body, closure.contacts())))
         limit = None if conditions.torque_limit is None else effort_of(closure.hand, conditions.torque_limit)
         return cls(
             hand=closure.hand,

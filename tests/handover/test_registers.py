@@ -108,6 +108,10 @@ def test_caps_are_kept_with_what_fingers_come_to_when_they_close():
     assert strongest.peak.high <= 4.0 and strongest.peak.value >= table.find_touch(2.0).peak.value
     with pytest.raises(InvalidInput, match="gentlest"):
         table.find_strongest(0.9)
+    speed, depth = plan.solution.profile.impact_speed, plan.problem.compliance.depth(np.full(plan.problem.k, 6.0))
+    assert np.all(speed * 0.066 <= depth) and any("latency" in note for note in plan.notes)
+    with pytest.raises(InvalidInput, match="final time"):
+        plan_best(found, replace(capped, final_time=0.13, impact_time_range=(0.05, 0.1)))
     with pytest.raises(InvalidInput, match=r"drive .* gentlest"):
         plan_best(found, replace(capped, max_normal_force=0.3))
 
