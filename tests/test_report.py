@@ -327,12 +327,12 @@ def test_friction_used_means_the_same_in_table_figure_and_viewer(run):
 
 def test_forces_on_other_contacts_are_told(run):
     band = run.margins.band
-    assert band.factors.min() == 0.2 and band.factors.max() == 20 and band.servos == "servos of 50 N m/rad"
+    assert band.factors.min() == 0.2 and band.factors.max() == 20 and band.servos.startswith("servos of ")
     as_planned = band.factors.tolist().index(1.0)
     assert band.normal_forces[as_planned] == pytest.approx(run.forces.normal_forces, rel=1e-6)
     assert np.all(band.lowest <= run.forces.normal_forces * (1 + 1e-6)) and np.all(band.highest >= band.lowest)
     told = dict(list_results(run))["on other contacts"]
-    assert "contacts 0.2 to 20 times as stiff, servos of 50 N m/rad" in told and "thumb" in told
+    assert f"contacts 0.2 to 20 times as stiff, {band.servos}" in told and "thumb" in told
     assert ("not held at" in told) == any(band.remarks) and told.endswith("held") == (not any(band.remarks))
     lost = replace(band, remarks=("", "thumb slips", *band.remarks[2:]))
     told = dict(list_results(replace(run, margins=replace(run.margins, band=lost))))["on other contacts"]

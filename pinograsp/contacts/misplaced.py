@@ -29,7 +29,8 @@ class ClosingCommands:
         step: [s].
         soft, stiff: gains of the servos while the hand closes, and afterwards (n,) [N m/rad or N/m].
         limit: of the efforts (n,) [N m or N]; infinity: none.
-        complete: the step at which the grasp is complete: what stands is lifted, what was fixed is let go.
+        complete: the step at which the grasp is complete: what stands is lifted.
+        free: the step at which what was fixed is let go.
         settled: the step from which on the joints are held where they are.
         steps: in all.
     """
@@ -42,6 +43,7 @@ class ClosingCommands:
     stiff: Array
     limit: Array
     complete: int
+    free: int
     settled: int
     steps: int
 
@@ -58,7 +60,7 @@ class Pressing:
         mu: friction coefficient, of the table as well [-].
         torsion: largest moment about a normal per newton [m].
         gravity_o: (3,) [m/s^2].
-        on_table: whether the object stands on a table until the grasp is complete; else it is fixed until then.
+        on_table: whether the object stands on a table until the grasp is complete; else it is fixed until it is let go.
     """
 
     root: Array
@@ -121,7 +123,7 @@ def close_misplaced(
         stiffness=np.ascontiguousarray(pressing.stiffness),
         root=np.array(pressing.root),
         steps=np.array(
-            [commands.steps, 0 if pressing.on_table else commands.complete, commands.complete, commands.settled]
+            [commands.steps, 0 if pressing.on_table else commands.free, commands.complete, commands.settled]
         ),
         step=commands.step,
         mass=body.mass,

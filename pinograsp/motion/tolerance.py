@@ -21,30 +21,40 @@ _LARGER = (1.5, 2.0, 3.0, 4.0)  # times the error that is asked about
 
 
 def sample_commands(
-    times: Array, q: Array, effort: Array, *, soft: Array, stiff: Array, limit: Array
+    times: Array,
+    q: Array,
+    effort: Array,
+    *,
+    soft: Array,
+    stiff: Array,
+    limit: Array,
+    free: float | None = None,
+    step: float = STEP,
 ) -> ClosingCommands:
-    """Commands (m, n) at ``times`` (m,) [s] as equal steps, with a hold after them.
+    """Commands (m, n) at ``times`` (m,) [s] in equal steps, with a hold after them; what is fixed is let go at a time
+    ``free`` [s], None: at the last one.
 
     ``soft``, ``stiff``, ``limit``: as in :class:`~pinograsp.contacts.misplaced.ClosingCommands`.
     """
-    complete = int(np.ceil(times[-1] / STEP - 1e-9))
-    at = np.minimum(STEP * np.arange(complete + 2), times[-1])
+    complete = int(np.ceil(times[-1] / step - 1e-9))
+    at = np.minimum(step * np.arange(complete + 2), times[-1])
     sampled, efforts = (
         np.column_stack([np.interp(at, times, column) for column in values.T]) for values in (q, effort)
     )
-    rates = np.vstack([np.diff(sampled, axis=0) / STEP, np.zeros((1, q.shape[1]))])
-    settled = complete + round(CLOSED / STEP)
+    rates = np.vstack([np.diff(sampled, axis=0) / step, np.zeros((1, q.shape[1]))])
+    settled = complete + round(CLOSED / step)
     return ClosingCommands(
         q=sampled,
         dq=rates,
         effort=efforts,
-        step=STEP,
+        step=step,
         soft=soft,
         stiff=stiff,
         limit=limit,
         complete=complete,
+        free=complete if free is None else round(free / step),
         settled=settled,
-        steps=settled + round(HOLD / STEP),
+        steps=settled + round(HOLD / step),
     )
 
 

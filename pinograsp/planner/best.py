@@ -21,13 +21,14 @@ from pinograsp.errors import (
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import servo_gains
 from pinograsp.plan.answer import SIMULATED
+from pinograsp.plan.simulation import MOVED
 from pinograsp.planner.as_commanded import measure_turn
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.options import AS_USUAL, PlanOptions
 from pinograsp.planner.planning import GraspTask
-from pinograsp.planner.tolerance import tell_tolerance
+from pinograsp.planner.tolerance import find_drop, tell_tolerance
 from pinograsp.synthesis import GraspSearch
 from pinograsp.synthesis.found import SOUND
 
@@ -52,7 +53,8 @@ def plan_best(
     on the object, too, those whose forces come out other than planned, and those in which the hand's own servos and the
     contacts let the object go, or give way far to the push of the reserve (:meth:`GraspPlan.object_stiffness`), come
     after the others; of firm ones, those that keep more of what is 5 mm and 5 deg off its place come first, and, in
-    hands of position servos of known stiffness, those in which the push turns the object less.
+    hands of position servos of known stiffness, those in which the push turns the object less, and those that let it
+    drop by no more than 5 mm where nothing but the hand holds it from the touch on.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -91,6 +93,7 @@ def plan_best(
             tolerance = tell_tolerance(plan, closure, quick=True)
             lost = 0.0 if tolerance is None else 1.0 - tolerance.kept
             lost += measure_turn(plan) if plan.status is Status.OK else 0.0
+            lost += find_drop(plan) > MOVED
         if check and plan.status is Status.OK:
             plan, held = _check(plan)
             faults += 0 if held else _MOST_FAULTS

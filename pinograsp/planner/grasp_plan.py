@@ -38,7 +38,7 @@ from pinograsp.plan import PlanFailure, PlanRecord, PoseError, Simulation
 from pinograsp.plan.tolerance import SMALL
 from pinograsp.planner.compliance import describe_band, find_band, find_gains, stiffness_of
 from pinograsp.planner.margins import find_margins, find_reach, margin_cautions
-from pinograsp.planner.tolerance import tell_tolerance
+from pinograsp.planner.tolerance import DROPS, tell_drop, tell_tolerance
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
 from pinograsp.writing import NewFolder
@@ -92,17 +92,18 @@ class GraspPlan(PlanRecord):
 
     def with_tolerance(self, error: PoseError | None = None) -> GraspPlan:
         """The same plan with how far its object may be from where it is planned, and a caution where that is less than
-        3 mm: see :func:`~pinograsp.planner.find_tolerance`. Of a plan that is not ``OK``, or of given contacts, or
-        without the compiled core, or of geometry that it does not know, the plan as it is.
+        3 mm, or where the object drops before the squeeze has it: see :func:`~pinograsp.planner.find_tolerance`. Of a
+        plan that is not ``OK``, or of given contacts, or without the compiled core, or of geometry that it does not
+        know, the plan as it is.
         """
         instance_of("error", error, PoseError, type(None))
         known = self.tolerance is not None and error is None
         found = None if known else tell_tolerance(self, self.closure, error)
         if found is None:
             return self
-        others = [one for one in self.cautions if not one.startswith(SMALL)]
-        small = (f"{SMALL} {found.describe()}",) if found.is_small else ()
-        return replace(self, tolerance=found, cautions=(*others, *small))
+        others = [one for one in self.cautions if not one.startswith((SMALL, DROPS))]
+        small = [f"{SMALL} {found.describe()}"] if found.is_small else []
+        return replace(self, tolerance=found, cautions=(*others, *small, *filter(None, [tell_drop(self)])))
 
     def force_band(self, stiffness: ArrayLike | None = None, factors: ArrayLike = FACTORS) -> ForceBand:
         """The forces that come where the contacts are ``factors`` times as stiff as planned (s,), 1/5 to 20 times.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
@@ -44,6 +46,7 @@ from pinograsp.planner.grasp_plan import GraspPlan
 _Solution = TypeVar("_Solution", bound=ForceSolution)
 _TRIED = 8  # options that are planned with
 _WIDER = (1.0, 1.1, 1.3)  # times the least that forces need: postures and impact times move with them
+_PATIENCE = 20.0  # [s] for which whole plans are tried
 _COARSE = 0.1  # of figures that whole plans are tried for
 
 
@@ -93,6 +96,10 @@ def _with_torques(hand: HandModel, problem: ForceProblem, setup: Setup) -> Setup
     return replace(setup, problem=problem)
 
 
+class _PatienceLostError(Exception):
+    """Whole plans were tried for long enough."""
+
+
 def _options(hand: HandModel, setup: Setup, searched: Setup, plan: Callable[[Setup], GraspPlan]) -> list[Option]:
     """What would do; those whose plans are ``OK``, or all where there is none."""
     contacts = searched.problem.contacts
@@ -100,19 +107,27 @@ def _options(hand: HandModel, setup: Setup, searched: Setup, plan: Callable[[Set
     if setup.reserve is not None and contacts.posture is not None:
         rows = pressing_together(hand, contacts, contacts.posture).rows
 
+    deadline = time.monotonic() + _PATIENCE
+
+    def attempt(other: Setup) -> Status | None:
+        if time.monotonic() > deadline:
+            raise _PatienceLostError
+        return try_plan(plan, other)
+
     found: list[Option] = []
     by_forces = not forces_exist(searched, rows)
     if by_forces:
         candidates = find_relaxations(searched, lambda other: forces_exist(other, rows))
     else:  # whole plans show what else is in the way
-        candidates = find_relaxations(setup, lambda other: try_plan(plan, other) is not None, sharp=_COARSE)
-    for relaxations, _ in zip(candidates, range(_TRIED)):
-        for times in _WIDER:
-            wider = tuple(one.wider(times).round_figure(searched) for one in relaxations)
-            status = try_plan(plan, relax(setup, wider))
-            if status is not None:
-                found.append(Option(relaxations=wider, status=status))
-                break
+        candidates = find_relaxations(setup, lambda other: attempt(other) is not None, sharp=_COARSE)
+    with contextlib.suppress(_PatienceLostError):  # what was found by then is told
+        for relaxations, _ in zip(candidates, range(_TRIED)):
+            for times in _WIDER:
+                wider = tuple(one.wider(times).round_figure(searched) for one in relaxations)
+                status = attempt(relax(setup, wider))
+                if status is not None:
+                    found.append(Option(relaxations=wider, status=status))
+                    break
     good = [option for option in found if option.status is Status.OK]
     return good or found
 

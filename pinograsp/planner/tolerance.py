@@ -8,12 +8,16 @@ from pinograsp import core
 from pinograsp.checks import instance_of
 from pinograsp.contacts import Closure
 from pinograsp.contacts.bulk import BulkScene
-from pinograsp.contacts.misplaced import Pressing
+from pinograsp.contacts.misplaced import ClosingCommands, Pressing, close_misplaced
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.hands import servo_gains
-from pinograsp.motion.tolerance import measure_tolerance, sample_commands, stiffness_of_links
+from pinograsp.motion.tolerance import STEP, measure_tolerance, sample_commands, stiffness_of_links
 from pinograsp.plan import PlanRecord
+from pinograsp.plan.simulation import MOVED
 from pinograsp.plan.tolerance import PoseError, PoseTolerance
+
+DROPS = "the object drops"  # how the caution of that begins
+_FINE = 1e-3  # [s] steps of an object that falls for hundredths of a second
 
 
 def tell_tolerance(
@@ -53,6 +57,43 @@ def find_tolerance(
             not.
     """
     instance_of("error", error, PoseError, type(None))
+    closing = _closing_of(plan)
+    return measure_tolerance(*closing, error or PoseError(), threads, quick=quick)
+
+
+def find_drop(plan: PlanRecord) -> float:
+    """How far the object drops, or the hand moves it, before the hand has closed, where nothing but the hand holds it
+    from the touch on, t_I [m]; infinity where it falls out. 0 where that is not known, of plans without a reserve,
+    whose objects are fixed until t_F, and of those on a table.
+    """
+    if plan.on_table or plan.reserve is None or plan.body is None or not all(plan.contacts.links):
+        return 0.0
+    if plan.status is not Status.OK or not core.is_installed():
+        return 0.0
+    try:
+        closing = _closing_of(plan, free=float(plan.motion.times[plan.motion.impact]), step=_FINE)
+    except InvalidInput:  # geometry that the core does not know
+        return 0.0
+    seen = close_misplaced(*closing, np.eye(4)[None])
+    return float(seen.pushed[0]) if seen.kept[0] else np.inf
+
+
+def tell_drop(plan: PlanRecord) -> str | None:
+    """The caution of an object that drops far, in words; None of others."""
+    drop = find_drop(plan)
+    if drop <= MOVED:
+        return None
+    far = f"by {1e3 * drop:.2g} mm" if np.isfinite(drop) else "out of the hand"
+    return (
+        f"{DROPS} {far} before the squeeze has it, where nothing but the hand holds it from the touch "
+        "on: hold it, or let it stand, until the grasp is complete"
+    )
+
+
+def _closing_of(
+    plan: PlanRecord, free: float | None = None, step: float = STEP
+) -> tuple[BulkScene, ClosingCommands, Pressing]:
+    """A plan's hand and object, how the hand closes, and how both press; ``free``: when what is fixed is let go [s]."""
     hand, body = instance_of("plan", plan, PlanRecord).require_hand(), plan.body
     if body is None or not all(plan.contacts.links):
         raise InvalidInput("tolerance: expected a plan whose object and links are known: plan a hand on a shape")
@@ -65,6 +106,8 @@ def find_tolerance(
         soft=stiff if motion.closing_stiffness is None else motion.closing_stiffness,
         stiff=stiff,
         limit=plan.torque_limit,
+        free=free,
+        step=step,
     )
     slopes = plan.forces.normal_forces / np.maximum(plan.forces.final_depths, 1e-6)
     pressing = Pressing(
@@ -75,4 +118,4 @@ def find_tolerance(
         gravity_o=plan.gravity_o,
         on_table=plan.on_table,
     )
-    return measure_tolerance(scene, commands, pressing, error or PoseError(), threads, quick=quick)
+    return scene, commands, pressing

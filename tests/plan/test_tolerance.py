@@ -17,7 +17,9 @@ from pinograsp.errors import InvalidInput
 from pinograsp.hands import servo_gains
 from pinograsp.motion.tolerance import sample_commands, stiffness_of_links
 from pinograsp.plan import PoseError
+from pinograsp.plan.simulation import MOVED
 from pinograsp.planner import find_tolerance
+from pinograsp.planner.tolerance import find_drop
 from pinograsp.simulation import Disturbance, Errors, monte_carlo
 from pinograsp.storage import read_run
 
@@ -215,3 +217,22 @@ def test_geometry_that_the_core_does_not_know_is_left_out(plan):
     assert dataclasses.replace(plan, body=cone, tolerance=None).with_tolerance().tolerance is None
     with pytest.raises(InvalidInput, match="error"):
         plan.with_tolerance(0.005)
+
+
+def test_an_object_that_drops_before_the_squeeze_has_it_is_told():
+    """Held by nothing but the hand from the touch on: half a second of squeeze lets it fall, a twentieth does not."""
+    box = pg.Box(size=(0.05, 0.05, 0.12), mass=0.3)
+    found = pg.find_grasps(pg.load_hand("panda"), box, pg.GraspConditions(mu=0.6), count=8, seed=3, progress=False)
+    drops = {}
+    for impact in (0.6, 0.95):
+        conditions = pg.GraspConditions(mu=0.6, impact_time_range=(impact, impact))
+        plan = pg.plan_best(found, conditions)
+        drops[impact] = find_drop(plan)
+        seen = pg.simulate(plan, hold=0.3)
+        moved = np.linalg.norm(seen.object_poses[:, :3, 3] - seen.object_poses[0, :3, 3], axis=1).max()
+        if drops[impact] > MOVED:
+            assert moved > MOVED and any("drops" in text for text in plan.cautions)
+        else:
+            assert drops[impact] < moved + 1e-3 and not any("drops" in text for text in plan.cautions)
+    assert drops[0.6] > MOVED > drops[0.95] > 0
+    assert find_drop(dataclasses.replace(plan, reserve=None)) == 0.0
