@@ -129,7 +129,13 @@ def contacts(hand, cylinder):
 @pytest.fixture(scope="session")
 def make_problem(cylinder, contacts):
     def make(**settings):
-        paper = {"mu": 0.7, "balance": "force", "friction": Friction(), "max_depth": 5e-3}
+        paper = {
+            "mu": 0.7,
+            "balance": "force",
+            "friction": Friction(),
+            "max_depth": 5e-3,
+            "acceleration_range": (0.01, 1.0),
+        }
         return ForceProblem.holding(cylinder, contacts, **{**paper, **settings})
 
     return make

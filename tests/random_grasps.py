@@ -110,6 +110,7 @@ def random_grasp(
         friction=_friction(rng, family),
         shape=DecelerationShape.constant() if rng.random() < 0.7 else DecelerationShape.linear(*rng.uniform(0.1, 1, 2)),
         max_depth=5e-3,
+        acceleration_range=(0.01, 1.0),
     )
     impact_time = float(rng.uniform(0.80, 0.95))
     low, high = normal_force_range(problem, impact_time)
