@@ -119,14 +119,49 @@ def load_hand(
     entry = CATALOGUE.get(source) if isinstance(source, str) else None
     if entry is not None:
         root, palm, fingers = root or entry.root, palm or entry.palm, fingers or entry.fingers
-    description = read_description(source, root, trusted, packages, xacro_args)
+    hand = build_hand(
+        read_description(source, root, trusted, packages, xacro_args),
+        palm=palm,
+        fingers=fingers,
+        entry=entry,
+        limits=limits,
+        drives=None if isinstance(drives, str | Path) else drives,
+        sheets=_choose_sheets(source, entry, drives),
+        springs=springs,
+        hulls=hulls,
+        masses=masses,
+        exclude=exclude,
+        srdf=srdf,
+    )
+    if posture is not None:
+        hand = hand.with_posture(posture)
+    return hand if pose is None else hand.placed(pose)
+
+
+def build_hand(
+    description: RobotDescription,
+    *,
+    palm: str | None = None,
+    fingers: dict[str, str] | None = None,
+    entry: Entry | None = None,
+    limits: dict[str, tuple[float, float]] | None = None,
+    drives: Sequence[Drive] | None = None,
+    sheets: Sequence[str | Path] = (),
+    springs: Sequence[Spring] | None = None,
+    hulls: bool = True,
+    masses: Masses = "estimate",
+    exclude: Sequence[str] = (),
+    srdf: str | Path | None = None,
+) -> HandModel:
+    """The hand of a description; ``entry``: of the catalogue, ``sheets``: of its drives, the others as for
+    :func:`load_hand`, checked.
+    """
     prepared = prepare_hand(description)
     labels = {"motor": motors_at(description.actuation), **description.labels}
     hand = _build_hand(description.name, prepared, palm, fingers, masses, exclude, labels)
     hand = with_effort_limits(hand, prepared.efforts, () if entry is None else entry.drives or ())
-    given = None if isinstance(drives, str | Path) else drives
-    hand = _add_drives(hand, description.actuation, entry, given, springs)
-    for sheet in _choose_sheets(source, entry, drives):
+    hand = _add_drives(hand, description.actuation, entry, drives, springs)
+    for sheet in sheets:
         hand = apply_sheet(hand, sheet)
     hand = _disable_collisions(hand, description, prepared.links, srdf)
     hand = hand.with_limits({} if limits is None else limits)
@@ -134,15 +169,13 @@ def load_hand(
     odd = [*speed_notes(hand.joint_names, slides, hand.velocity), *size_notes(hand.model, hand.geometry)]
     whole = any(note.startswith(ON_ROOT) for note in hand.notes)
     hand = replace(hand, notes=(*hand.notes, *odd, *([] if whole else placeholder_notes(hand))))
-    if posture is not None:
-        hand = hand.with_posture(posture)
     if hulls:
         ends = {finger.joint_ids[-1] for finger in hand.fingers} | ({0} if len(hand.fingers) == 1 else set())
         cut, told = cut_hollow_links(hand.geometry, ends)
         hand = replace(hand, geometry=cut, notes=(*hand.notes, *told))
         shapes = tuple(one.geometry for one in hand.geometry.geometryObjects)
         hand = replace(hand, geometry=geometry.hulls(hand.geometry), own_shapes=shapes)
-    return hand if pose is None else hand.placed(pose)
+    return hand
 
 
 def _build_model(source: str, prepared: PreparedHand) -> pin.Model:
