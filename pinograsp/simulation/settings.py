@@ -367,11 +367,11 @@ class Disturbance:
         at_least_zero("command delay [s]", self.command_delay)
         if np.any(np.asarray(self.command_delay) > _LATEST):
             raise InvalidInput(
-                f"command delay [s]: expected at most {_LATEST:g} s, got {shorten(self.command_delay)}: are these "
-                "milliseconds?"
+                f"command delay [s]: expected at most {_LATEST:g} s, got "
+                f"{shorten(np.asarray(self.command_delay).tolist())}: are these milliseconds?"
             )
         if np.any(np.asarray(self.drive_gain) <= 0):
-            raise InvalidInput(f"drive gain: expected factors > 0, got {shorten(self.drive_gain)}")
+            raise InvalidInput(f"drive gain: expected factors > 0, got {shorten(np.asarray(self.drive_gain).tolist())}")
 
     @property
     def accelerates(self) -> bool:
