@@ -146,8 +146,9 @@ def test_the_so101s_stiffness_of_a_simulator_is_beyond_its_encoder():
     for one, few in ((hand, False), (stiff, True)):
         found = pg.find_grasps(one, ball, conditions, count=4, seed=0, progress=False)
         plan = pg.plan_best(found, conditions)
-        steps = abs(plan.motion.holding_torques[0]) / one.drives[0].stiffness / (2 * math.pi / 4096)
-        assert (steps < 2) == few == bool(told(plan, "encoder"))
+        drive, step = one.drives[0], 2 * math.pi / 4096
+        way = abs(plan.motion.holding_torques[0]) / drive.stiffness
+        assert (way < 2 * step) == few and bool(told(plan, "encoder")) == (way < max(2 * step, drive.backlash))
 
 
 # -- motors that cannot ------------------------------------------------------------------------------------------------
