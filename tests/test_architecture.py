@@ -74,7 +74,7 @@ OWNERS = {
     "yourdfpy": {"hands"},
     "xacro": {"hands"},
     "simpleeval": {"hands"},
-    "tomlkit": {"hands"},
+    "tomli": {"hands"},
     "rosbags": {"identification"},
     "qpsolvers": {"forces"},
     "daqp": {"forces"},

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from importlib.metadata import packages_distributions, requires
+from typing import Any
 
 import pytest
 from test_architecture import FILES, OWNERS, ROOT, imports
@@ -37,9 +38,13 @@ def named(requirement: str) -> str:
     return re.split(r"[^\w.-]", requirement)[0].lower().replace("_", "-")
 
 
+def read_project() -> dict[str, Any]:
+    return pytest.importorskip("tomllib").loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
 def declared() -> dict[str, set[str]]:
     """Packages by extra, those of the base under "" ."""
-    project = pytest.importorskip("tomllib").loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    project = read_project()
     groups = {"": project["dependencies"], **project["optional-dependencies"]}
     return {extra: {named(one) for one in group} - {"pinograsp"} for extra, group in groups.items()}
 
@@ -63,7 +68,8 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
     for package, bringer in BROUGHT.items():
         needs = [named(one) for one in requires(bringer) if "extra ==" not in one]
         assert bringer in wanted and package in needs, package
-    assert len(base) <= 20, sorted(base)
+    always = [one for one in read_project()["dependencies"] if "python_version" not in one]
+    assert len(always) <= 20 and len(base) <= len(always) + 1, sorted(base)
 
 
 STATE = """

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import fnmatch
+import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +18,11 @@ from pinograsp.hands.drives import ON_DRIVES, Drive
 from pinograsp.hands.elements import read_bytes
 from pinograsp.hands.file_reads import is_there
 from pinograsp.hands.model import HandModel
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 SUFFIX = ".drives.toml"
 _LARGEST = 2**22  # [bytes]
@@ -49,9 +56,6 @@ def read_sheet(source: str | Path) -> tuple[dict[str, Any], ...]:
     Raises:
         InvalidInput: a missing or broken file, or one that is no data sheet.
     """
-    import tomlkit  # where sheets are used: 40 ms
-    from tomlkit.exceptions import TOMLKitError
-
     shipped, path = _SHIPPED / f"{source}{SUFFIX}", Path(source)
     if not path.is_file() and path.suffix != ".toml":
         one_of("drives (a file that ends in .toml, or a data sheet)", str(source), list_sheets())
@@ -62,8 +66,8 @@ def read_sheet(source: str | Path) -> tuple[dict[str, Any], ...]:
         except (OSError, ValueError) as error:
             raise InvalidInput(f"data sheet {path}: cannot read it: {one_line(error)}") from None
     try:
-        document = tomlkit.parse(text).unwrap()
-    except (TOMLKitError, RecursionError) as error:
+        document = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InvalidInput(f"data sheet {source}: expected TOML, got {one_line(error)}") from None
     if unknown := document.keys() - {"drives"}:
         raise InvalidInput(f"data sheet {source}: expected [[drives]] alone, got {shorten(', '.join(sorted(unknown)))}")
@@ -119,30 +123,27 @@ def write_closing(table: ClosingTable, drive: str, source: str) -> str:
 
 
 def _write(drives: Sequence[Mapping[str, Any]], hand: str) -> str:
-    import tomlkit
-
-    document = tomlkit.document()
-    for line in _HEAD.format(hand=hand).splitlines():
-        document.add(tomlkit.comment(line))
-    rows = tomlkit.aot()
+    lines = [f"# {line}" for line in _HEAD.format(hand=hand).splitlines()]
     for drive in drives:
-        table = tomlkit.table()
         plain = {key: value for key, value in drive.items() if value is not None}
         sources, closing = plain.pop("sources"), plain.pop("closing", None)
         if plain.get("floor") == 0:
             del plain["floor"]
-        for key, value in plain.items():
-            table.add(key, value)
-        if closing is not None:
-            table.add("closing", tomlkit.item(closing))
-        if sources:
-            listed = tomlkit.aot()
-            for source in sources:
-                listed.append(tomlkit.item(_shown(source)))
-            table.add("sources", listed)
-        rows.append(table)
-    document.add("drives", rows)
-    return tomlkit.dumps(document)
+        tables = [("[[drives]]", plain)]
+        tables += [] if closing is None else [("[drives.closing]", closing)]
+        tables += [("[[drives.sources]]", _shown(source)) for source in sources]
+        for head, values in tables:
+            lines += ["", head, *(f"{key} = {_toml(value)}" for key, value in values.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: object) -> str:
+    """A text, truth value, number or list of these as TOML has them: as JSON, but for numbers without an end."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, float):
+        return repr(float(value))
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _shown(source: dict[str, Any]) -> dict[str, Any]:
