@@ -179,7 +179,7 @@ class MujocoEngine:
         touches: Touches,
         pressing: Pressing,
         wrench_o: Array,
-        limits: tuple[Array, Array] | None = None,
+        limits: Array | None = None,
     ) -> None:
         """One step with servos.
 
@@ -190,7 +190,7 @@ class MujocoEngine:
             touches: of the last :meth:`touches`.
             pressing: the contact forces there.
             wrench_o: on the object (6,) [N, N m].
-            limits: between which the motors' torques stay (n,), (n,) [N m or N], besides damping; None: the drives'.
+            limits: the least and the most that motors make, besides damping (2, n) [N m or N]; None: the drives' alone.
         """
         data, servo = self.data, self.servo
         data.ctrl[:] = self.servoed * (q + self.moved) + (servo.damping * dq + feed_forward) / self.gain

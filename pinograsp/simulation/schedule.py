@@ -50,6 +50,14 @@ class Schedule:
         """Whether joints follow the commands exactly, whatever torque that takes."""
         return self.options.mode == "prescribed"
 
+    @property
+    def pressing(self) -> BoolArray | None:
+        """Joints (n,) that press with an effort; None: none do."""
+        pressing = self.servo.pressing
+        if pressing is None or not pressing.any() or self.is_prescribed or self.servo.control != "impedance":
+            return None
+        return pressing
+
 
 def choose_servo(task: Task) -> Servo:
     """The servos of a task's hand: as its plan has them while it closes; jaws press with an effort."""
@@ -118,12 +126,9 @@ class Course:
         free: the first step at which the object can move.
         stiff: the step from which on the joints are held where they are, with servos that were softer before.
         q, dq, ddq, torques: of the joints at each step, up to the last one that differs (m, n).
-        least, most: the torques (m, n) between which servos and torques together stay [N m or N]; None: no joint
-            presses with an effort.
+        limits: the least and the most that servos and torques together make, by step (m, 2, n) [N m or N]; None: no
+            joint presses with an effort.
     """
-
-    least: Array | None = None
-    most: Array | None = None
 
     def __init__(self, task: Task, schedule: Schedule):
         dt, options = schedule.time_step, schedule.options
@@ -131,10 +136,9 @@ class Course:
         self.steps, self.complete = round(schedule.duration / dt), round(task.final_time / dt)
         self.free = {"fixed": self.complete, "table": 0, "none": round(task.impact_time / dt)}[str(options.support)]
         end = float(task.times[-1])
-        pressing = None if schedule.is_prescribed or schedule.servo.control != "impedance" else schedule.servo.pressing
         closed = task.final_time + options.letting_go + CLOSED
-        last = end if pressing is None else max(end, closed)
-        instants = dt * np.arange(min(self.steps, round(last / dt) + 2) + 1)
+        last = end if schedule.pressing is None else max(end, closed)
+        instants: Array = dt * np.arange(min(self.steps, round(last / dt) + 2) + 1, dtype=float)
         spline, until = CubicHermiteSpline(task.times, task.q, task.dq), np.minimum(instants, end)
         # Servos bring what the encoders read to the plan's positions.
         self.q: Array = spline(until) - each_of("joint offset", options.disturbance.joint_offset, task.hand.n)
@@ -148,11 +152,10 @@ class Course:
         if schedule.is_prescribed:  # the engine integrates a step's velocity to the next position
             self.dq[1:] = np.diff(self.q, axis=0) / dt
             self.ddq[:-1], self.ddq[-1] = np.diff(self.dq, axis=0) / dt, 0.0
-        if pressing is not None and pressing.any():
-            self._press_on(task, pressing, np.array(instants), closed)
+        self.limits = None if schedule.pressing is None else self._press_on(task, schedule.pressing, instants, closed)
 
-    def _press_on(self, task: Task, pressing: BoolArray, instants: Array, until: float) -> None:
-        """Let joints close on from t_I, as fast as they are then, with the efforts of the plan as their limits."""
+    def _press_on(self, task: Task, pressing: BoolArray, instants: Array, until: float) -> Array:
+        """Let joints close on from t_I, as fast as they are then; returns limits, the efforts of the plan."""
         longest = until - task.impact_time
         ahead = np.clip(instants - task.impact_time, 0.0, longest)[:, None]
         impact = int(np.searchsorted(task.times, task.impact_time))
@@ -164,12 +167,7 @@ class Course:
         effort, early = way * self.torques, instants < task.impact_time
         # What is in the way of a jaw before is pressed no harder than in the end.
         effort[early] = np.maximum(effort[early], effort[min(self.complete, len(effort) - 1)])
-        self.most = np.where(way > 0, effort, np.inf)
-        self.least = np.where(way < 0, -effort, -np.inf)
-
-    def limits(self, row: int) -> tuple[Array, Array] | None:
-        """The torques (n,), (n,) [N m or N] between which servos and torques together stay; None: any."""
-        return None if self.least is None or self.most is None else (self.least[row], self.most[row])
+        return np.stack([np.where(way < 0, -effort, -np.inf), np.where(way > 0, effort, np.inf)], axis=1)
 
     def row(self, step: int) -> int:
         """The row of a step."""

@@ -51,8 +51,8 @@ class Servo:
             ``"torque"``: the plan's torques alone, with the joints' damping.
         closing: stiffness while the hand closes (n,) [N m/rad or N/m], damped in the ratio of the roots; a tenth of a
             second after t_F the joints are held where they are, with ``stiffness``. None: ``stiffness`` all the time.
-        pressing: joints (n,) that press with no more than the plan's torques, and close on for a tenth of a second
-            after t_F until they do, as jaws with a limit of force; damping comes besides. None: no joint.
+        pressing: joints (n,) that press with no more than the plan's torques, as jaws with a limit of force: from t_I
+            on they close on until they do, and nothing pushes them back; with ``"impedance"`` alone. None: no joint.
 
     Raises:
         InvalidInput: values that are negative, torque control with a stiffness, or position control without one.

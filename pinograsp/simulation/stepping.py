@@ -137,7 +137,8 @@ class Trial:
             after = course.dq[course.row(i + 1)]
         else:
             commands = course.q[now], course.dq[now], course.torques[now]
-            engine.step(*commands, touches, pressing, wrench, course.limits(now))
+            limits = None if course.limits is None else course.limits[now]
+            engine.step(*commands, touches, pressing, wrench, limits)
             after = engine.dq
         object_after = engine.object_twist
         if not np.abs(after).max(initial=0.0) < _FASTEST or not np.isfinite(object_after).all():

@@ -111,7 +111,8 @@ def _decide(
         return True, "the object was never let go"
     since = times[-1] - release
     if gone or not drift <= GONE:
-        return False, f"the object was {1e3 * drift:.0f} mm away {since:.2f} s after it was let go"
+        away = float(np.linalg.norm(poses[-1, :3, 3] - poses[0, :3, 3])) if gone else drift
+        return False, f"the object was {1e3 * away:.0f} mm away {since:.2f} s after it was let go"
     if not (drift <= MOVED and turn <= TURNED):
         return False, f"the object moved {1e3 * drift:.2f} mm and turned {turn:.1f} deg within {since:.2f} s"
     # A compliant grasp sways with a shaken hand: it creeps where it is elsewhere whole periods later.
