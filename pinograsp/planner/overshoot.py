@@ -7,14 +7,22 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from pinograsp.errors import InvalidInput
-from pinograsp.forces import ForceProblem
+from pinograsp.forces import ForceProblem, Reserve
 from pinograsp.handover.jaws import group_contacts
 from pinograsp.handover.registers import press_of_drives
 from pinograsp.hands import HandModel
 from pinograsp.hands.closing_table import ClosingTable
 from pinograsp.hands.drives import Drive
+from pinograsp.plan import Motion
+
+# A finger's blow may take that share of its contacts' caps: the rest is for what its drives press with meanwhile. Where
+# the reserve names no stiffer contacts, it is reckoned on ones that many times as stiff as planned: steel for rubber.
+_BLOW, _STIFFEST = 0.5, 20.0
+# The squeeze is made longer up to that many times: a slower one lets an object drop that nothing else holds.
+_LONGEST = 2.0
 
 
 class _Finger(NamedTuple):
@@ -60,16 +68,45 @@ def slow_squeeze(hand: HandModel, problem: ForceProblem) -> ForceProblem:
         InvalidInput: a final time that leaves no time for that.
     """
     least = _least_squeeze(hand, problem)
-    early, late = problem.impact_time_range
-    latest = problem.final_time - least
-    if late <= latest:
-        return problem
-    if latest <= 0.0:
+    if least >= problem.final_time:
         raise InvalidInput(
             f"final time: expected more than {least:.3g} s, for which fingers press that touch gently enough for their "
             f"drives' latency, got {problem.final_time:g} s"
         )
-    return replace(problem, impact_time_range=(min(early, latest), latest))
+    return _squeeze_for(problem, least)
+
+
+def soften_blow(hand: HandModel, problem: ForceProblem, motion: Motion, reserve: Reserve | None) -> ForceProblem:
+    """The problem with impact times at which fingers whose drives are not as told keep their caps when they touch.
+
+    Such a finger touches earlier or later than planned, and stops in a blow: the contact takes up its kinetic energy
+    (the largest from shortly before t_I on). With half of the caps for the blow, on contacts as stiff as the reserve
+    reckons with, speeds are to fall by the root of the ratio of the energies; they go as 1 / (t_F - t_I) (Eq. 22).
+    """
+    if problem.max_normal_force is None or reserve is None or not reserve.drive:
+        return problem
+    stiff = problem.compliance.scale(reserve.stiffer if reserve.stiffer > 1 else _STIFFEST)
+    taken = stiff.energy(stiff.depth(_BLOW * problem.max_normal_force))
+    touch, end = float(motion.times[motion.impact]), float(motion.times[-1])
+    nearly = motion.times >= touch - (end - touch)
+    model = hand.model
+    inertia = np.triu(pin.crba(model, model.createData(), np.array(motion.q[-1])))
+    inertia += np.triu(inertia, 1).T
+    over = 1.0
+    for name, contacts in group_contacts(hand, [contact.link for contact in problem.contacts]).items():
+        if (finger := next((one for one in hand.fingers if one.name == name), None)) is None:
+            continue
+        rates = motion.dq[np.ix_(nearly, finger.dofs)]
+        energies = 0.5 * np.einsum("mi,ij,mj->m", rates, inertia[np.ix_(finger.dofs, finger.dofs)], rates)
+        over = max(over, float(energies.max() / taken[contacts].sum()))
+    return _squeeze_for(problem, min(_LONGEST, over**0.5) * (end - touch) if over > 1 else 0.0)
+
+
+def _squeeze_for(problem: ForceProblem, least: float) -> ForceProblem:
+    """The problem with impact times ``least`` or more before t_F [s]."""
+    early, late = problem.impact_time_range
+    latest = problem.final_time - least
+    return problem if late <= latest else replace(problem, impact_time_range=(min(early, latest), latest))
 
 
 def _least_squeeze(hand: HandModel, problem: ForceProblem) -> float:

@@ -21,7 +21,7 @@ from pinograsp.planner.assemble import assemble_plan
 from pinograsp.planner.drive_cautions import find_wrong_way
 from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.options import AS_USUAL, PlanOptions
-from pinograsp.planner.overshoot import lower_caps, slow_squeeze
+from pinograsp.planner.overshoot import lower_caps, slow_squeeze, soften_blow
 from pinograsp.planner.refusals import with_advice
 from pinograsp.planner.rounds import search_forces_and_motion
 
@@ -184,6 +184,10 @@ class GraspTask:
         """Forces, then motion."""
         hand, limit = self.hand, self.setup.limit
         stages = search_forces_and_motion(hand, self.setup, self.options, self.progress)
+        gentler = soften_blow(hand, self.setup.problem, stages.motion, self.setup.reserve)
+        if gentler is not self.setup.problem:
+            gentle = replace(self.setup, problem=gentler)
+            stages = search_forces_and_motion(hand, gentle, self.options, self.progress).after(stages.elapsed)
         if wrong := find_wrong_way(hand, stages.motion):
             raise GraspInfeasible(f"no grasp that this hand can make: {wrong}", stages.forces)
         notes: tuple[str, ...] = ()

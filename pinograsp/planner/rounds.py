@@ -96,6 +96,10 @@ class ForcesAndMotion:
     elapsed: Mapping[str, float]
     reserve: PlanReserve | None = None
 
+    def after(self, elapsed: Mapping[str, float]) -> ForcesAndMotion:
+        """With the seconds ``elapsed`` before, by stage, added to its own."""
+        return replace(self, elapsed={stage: took + elapsed[stage] for stage, took in self.elapsed.items()})
+
 
 @dataclass(slots=True)
 class _Stopwatch:
