@@ -23,7 +23,9 @@ from pinograsp.spatial import Array
 # A search over t_I ends at that share of the range, or after so many programs of some 10 ms each.
 _NARROW, _MOST_TRIED = 5e-3, 16
 # Rounds of linearised depths, the share of the largest force at which they are linearised at least, and what is left.
-_MADE_ROUNDS, _LITTLE, _MADE, _OTHER_TIMES = 12, 1e-3, 1e-7, 4
+_MADE_ROUNDS, _LITTLE, _MADE = 12, 1e-3, 1e-7
+# Other impact times that are tried, and how much longer the squeeze takes with the first of them.
+_OTHER_TIMES, _LITTLE_LONGER = 4, 1.05
 # Share of the largest force by which forces may still change from one round to the next: what is linearised about them
 # is off by the square of it.
 _AGAIN = 1e-2
@@ -59,9 +61,13 @@ class _ReserveProgram:
         )
 
     def times_near(self, squeeze: RobustForces) -> list[float]:
-        """The impact time of a squeeze, then others from late to early [s]."""
-        others = np.linspace(*self.kept.impact_time_range, _OTHER_TIMES)[::-1]
-        return [squeeze.impact_time, *others.tolist()]
+        """The impact time of a squeeze, then others up to the earliest [s]: the squeeze takes longer by a ratio each
+        time, at first by little, so that the first that does leaves the object little time to drop.
+        """
+        end, own = self.kept.final_time, squeeze.impact_time
+        longest = end - min(self.kept.impact_time_range[0], own)
+        durations = np.geomspace(min(_LITTLE_LONGER * (end - own), longest), longest, _OTHER_TIMES)
+        return [own, *(end - durations).tolist()]
 
 
 def optimize_reserve(
