@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,8 @@ from pinograsp.words import no_formula
 from pinograsp.writing import write_file
 
 _LEAST = 1e-6  # share of the drive's limit, or N: less does not press
+_MOMENT = 1e-6  # [s] in which a speed is measured
+_OTHER_WIDTH = 5e-3  # [m] that an object may be wider or narrower for a grasp to count: the default of libfranka
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +66,9 @@ class JawCommand:
             on a rigid object.
         touch_width: the same at t_I, where the jaws touch: that of the object [m]. Grippers that compare what they
             measure with what they were told take this one.
+        touch_speed: rate by which the width shrinks at t_I [m/s]: what jaws that are told a speed close with.
+        other_width: by how much the width where they stop may be off ``touch_width`` [m] and the grasp still counts:
+            5 mm, or the assumed give of the contacts where that is more.
         jaw_force: that one jaw presses with along the line between these points, the larger of both [N]; None as
             for ``width``.
         total_force: of both jaws [N].
@@ -75,6 +80,8 @@ class JawCommand:
     effort: float
     width: float | None
     touch_width: float | None
+    touch_speed: float | None
+    other_width: float | None
     jaw_force: float | None
     total_force: float | None
     joints: tuple[JointTarget, ...]
@@ -99,6 +106,8 @@ class JawCommand:
             "effort": self.effort,
             "width_m": self.width,
             "width_at_touch_m": self.touch_width,
+            "speed_m_s": self.touch_speed,
+            "epsilon_m": self.other_width,
             "force_per_jaw_N": self.jaw_force,
             "force_total_N": self.total_force,
             "joints": [asdict(one) for one in self.joints],
@@ -131,7 +140,7 @@ def jaw_commands(plan: PlanRecord, *, shortfall: float | None = SHORTFALL) -> tu
         )
     made, q = hand.transmission, plan.motion.q[-1]
     needed = efforts(hand, q[None], plan.motion.holding_torques[None], shortfall)[0][0]
-    width, touch_width, forces = _press(hand, plan)
+    press = _find_press(hand, plan)
     found = []
     for drive in drives:
         row = hand.drives.index(drive)
@@ -146,11 +155,8 @@ def jaw_commands(plan: PlanRecord, *, shortfall: float | None = SHORTFALL) -> tu
                 drive=drive.name,
                 coordinate=float(made[row] @ q),
                 effort=abs(effort),
-                width=width,
-                touch_width=touch_width,
-                jaw_force=None if forces is None else max(forces),
-                total_force=None if forces is None else sum(forces),
                 joints=_targets(hand, drive, effort, q),
+                **press._asdict(),
             )
         )
     return tuple(found)
@@ -193,30 +199,50 @@ def group_contacts(hand: HandModel, links: Iterable[str]) -> dict[str, list[int]
     return parts
 
 
-def _press(hand: HandModel, plan: PlanRecord) -> tuple[float | None, float | None, list[float] | None]:
-    """Distance of two jaws' contact points at the end and at t_I [m], and the force of each at the end [N]."""
+class _Press(NamedTuple):
+    """Widths, speed and forces of :class:`JawCommand`; None where the hand does not press with exactly two parts."""
+
+    width: float | None = None
+    touch_width: float | None = None
+    touch_speed: float | None = None
+    other_width: float | None = None
+    jaw_force: float | None = None
+    total_force: float | None = None
+
+
+def _find_press(hand: HandModel, plan: PlanRecord) -> _Press:
+    """How two jaws press: between their contact points, each the mean weighted by force."""
     contacts, motion = plan.contacts, plan.motion
     parts = group_contacts(hand, contacts.links)
     if len(parts) != 2 or not all(contacts.links):
-        return None, None, None
-    placements = [hand.frame_placements(q, contacts.links) for q in (motion.q[motion.impact], motion.q[-1])]
-    points = np.array(
+        return _Press()
+    q, rate = motion.q[motion.impact], motion.dq[motion.impact]
+    postures = q, motion.q[-1], q + _MOMENT * rate
+    touching, *placements = (hand.frame_placements(one, contacts.links) for one in postures)
+    ends = np.array(
         [
-            (after @ np.linalg.solve(before, [*point, 1.0]))[:3]
-            for point, before, after in zip(contacts.points_o, *placements)
+            [(after @ np.linalg.solve(before, [*point, 1.0]))[:3] for after in later]
+            for point, before, *later in zip(contacts.points_o, touching, *placements)
         ]
     )
     weights = np.maximum(plan.forces.normal_forces, 1e-12)
     one, two = parts.values()
-    touching, apart = (
+    first, apart, soon = (
         np.average(places[two], axis=0, weights=weights[two]) - np.average(places[one], axis=0, weights=weights[one])
-        for places in (contacts.points_o, points)
+        for places in (contacts.points_o, ends[:, 0], ends[:, 1])
     )
-    width = float(np.linalg.norm(apart))
+    touch_width, width = float(np.linalg.norm(first)), float(np.linalg.norm(apart))
     if width == 0:
-        return None, None, None
-    pressing = [motion.forces_o[-1, rows].sum(axis=0) @ apart / width for rows in (one, two)]
-    return width, float(np.linalg.norm(touching)), [abs(float(force)) for force in pressing]
+        return _Press()
+    forces = [abs(float(motion.forces_o[-1, rows].sum(axis=0) @ apart)) / width for rows in (one, two)]
+    return _Press(
+        width=width,
+        touch_width=touch_width,
+        touch_speed=max(0.0, (touch_width - float(np.linalg.norm(soon))) / _MOMENT),
+        other_width=max(_OTHER_WIDTH, touch_width - width),
+        jaw_force=max(forces),
+        total_force=sum(forces),
+    )
 
 
 def gripper_message(
@@ -265,12 +291,13 @@ def gripper_message(
 
 
 _COLUMNS = ("position", "closed", "effort")
-_SHARED = ("width_m", "width_at_touch_m", "force_per_jaw_N", "force_total_N")
+_SHARED = ("width_m", "width_at_touch_m", "speed_m_s", "epsilon_m", "force_per_jaw_N", "force_total_N")
 
 
 def write_jaws(jaws: Sequence[JawCommand], path: str | Path) -> None:
     """Write a table with a line per drive and joint: ``drive``, ``joint``, ``position``, ``closed`` [m or rad],
-    ``effort`` (the joint's own [N or N m]), ``width_m``, ``width_at_touch_m``, ``force_per_jaw_N``, ``force_total_N``.
+    ``effort`` (the joint's own [N or N m]), ``width_m``, ``width_at_touch_m``, ``speed_m_s``, ``epsilon_m``,
+    ``force_per_jaw_N``, ``force_total_N``, as :meth:`JawCommand.summary`.
 
     Raises:
         ResultsNotWritten: the place cannot be written.

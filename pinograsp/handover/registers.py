@@ -29,11 +29,13 @@ class FingerClosing(NamedTuple):
     Attributes:
         drive: its name.
         force: that the plan has of the fingers which it moves [N].
+        position: that is sent with them, of the closed end [register units]; None: it is not known.
         command: closing speed, force limit and the force to expect, by the drive's closing table.
     """
 
     drive: str
     force: float
+    position: float | None
     command: ClosingCommand
 
 
@@ -59,7 +61,8 @@ def closing_commands(plan: PlanRecord) -> tuple[FingerClosing, ...]:
                 "identify it with --newtons"
             )
         try:
-            found.append(FingerClosing(drive.name, force, drive.closing.find_command(force)))
+            command = drive.closing.find_command(force)
+            found.append(FingerClosing(drive.name, force, drive.closing.position, command))
         except InvalidInput as error:
             raise InvalidInput(
                 f"drive {drive.name}: {error}: plan for more (a larger reserve), or leave its finger out (wishes)"
@@ -89,17 +92,22 @@ def press_of_drives(hand: HandModel, links: Sequence[str], forces: Array) -> dic
 
 
 def write_closings(closings: Sequence[FingerClosing], path: str | Path) -> None:
-    """Write a line per drive: ``drive``, ``speed``, ``limit`` [register units], ``force_N`` of the plan, and
-    ``expected_N``, ``low_N``, ``high_N`` of the closing table.
+    """Write a line per drive: ``drive``, ``position`` of the closed end (empty where it is not known), ``speed``,
+    ``limit`` [register units], ``force_N`` of the plan, and ``expected_N``, ``low_N``, ``high_N`` of the closing table.
 
     Raises:
         ResultsNotWritten: the place cannot be written.
     """
     rows = [
-        [no_formula(one.drive), _tidy(one.command.speed), _tidy(one.command.limit), one.force, *one.command.peak]
+        [
+            no_formula(one.drive),
+            *("" if value is None else _tidy(value) for value in (one.position, one.command.speed, one.command.limit)),
+            one.force,
+            *one.command.peak,
+        ]
         for one in closings
     ]
-    write_table(path, ["drive", "speed", "limit", "force_N", "expected_N", "low_N", "high_N"], rows)
+    write_table(path, ["drive", "position", "speed", "limit", "force_N", "expected_N", "low_N", "high_N"], rows)
 
 
 def write_registers(plan: PlanRecord, drives: JointTrajectory, path: str | Path, *, efforts: bool) -> tuple[str, ...]:

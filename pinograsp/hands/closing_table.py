@@ -37,6 +37,8 @@ class ClosingTable:
         peaks, low, high: median, 5th and 95th percentile of the peaks of the trials (c,) [``unit``].
         trials: how many there were (c,).
         unit: ``N``, or ``count`` where nobody has told what a count is in newtons.
+        position: that is sent with speed and limit, in register units: the closed end, so that the limit stops the
+            finger; None: it is not known, or none is sent.
 
     Raises:
         InvalidInput: for values that make no such table.
@@ -49,6 +51,7 @@ class ClosingTable:
     high: tuple[float, ...]
     trials: tuple[int, ...]
     unit: Literal["N", "count"] = "N"
+    position: float | None = None
 
     __repr__ = brief("speeds", "limits", "peaks", "unit")
 
@@ -66,6 +69,8 @@ class ClosingTable:
         if len(set(zip(self.speeds, self.limits))) < len(speeds):
             raise InvalidInput("closing table: expected each pair of speed and limit once, got one twice")
         one_of("unit of a closing table", self.unit, ("N", "count"))
+        if self.position is not None:
+            object.__setattr__(self, "position", number("position of a closing table", self.position))
 
     def predict(self, speed: float, limit: float) -> Estimate:
         """The peak to expect at a speed and limit within what was tried.

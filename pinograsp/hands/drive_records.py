@@ -31,7 +31,8 @@ def drive_record(drive: Drive) -> dict[str, Any]:
 
 def closing_record(table: ClosingTable) -> dict[str, Any]:
     """A closing table as plain JSON values."""
-    return {**{name: list(getattr(table, name)) for name in _TABLES}, "unit": table.unit}
+    plain = {**{name: list(getattr(table, name)) for name in _TABLES}, "unit": table.unit}
+    return plain if table.position is None else {**plain, "position": table.position}
 
 
 def read_drive(values: Mapping[str, object], where: str, base: Drive | None = None) -> Drive:
@@ -60,7 +61,7 @@ def _read(values: Mapping[str, object], where: str, base: Drive | None) -> Drive
         plain["limit"] = math.inf
     sources = [_read_source(one, where) for one in items_of(f"{where}sources", plain.pop("sources", ()), dict)]
     if plain.get("closing") is not None:
-        plain["closing"] = ClosingTable(**_keys(f"{where}closing", plain["closing"], _TABLES, ("unit",)))
+        plain["closing"] = ClosingTable(**_keys(f"{where}closing", plain["closing"], _TABLES, ("unit", "position")))
     if base is None:
         # Records of earlier versions do not tell all.
         return Drive(**{"name": "", "joints": (), "arms": (), "exact": False, **plain}, sources=tuple(sources))

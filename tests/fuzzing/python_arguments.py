@@ -393,7 +393,16 @@ def _add_files(call: Callable) -> None:
         call(export, export.__qualname__ + name, rate=100.0, **arguments)
     target = handover.JointTarget(joint="j", position=0.01, closed=0.0, effort=3.0, follows=False)
     widths = {"coordinate": 0.02, "width": 0.02, "touch_width": 0.021}
-    jaw = handover.JawCommand(drive="jaws", **widths, effort=3.0, jaw_force=3.0, total_force=6.0, joints=(target,))
+    jaw = handover.JawCommand(
+        drive="jaws",
+        **widths,
+        touch_speed=0.1,
+        other_width=5e-3,
+        effort=3.0,
+        jaw_force=3.0,
+        total_force=6.0,
+        joints=(target,),
+    )
     call(handover.gripper_message, jaws=[jaw], path="grip.yaml", followers=True, frame="world")
     call(handover.write_jaws, jaws=[jaw], path="jaws.csv")
     call(handover.read_csv, path="kept/motion.csv")

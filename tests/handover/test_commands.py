@@ -258,6 +258,10 @@ def test_jaws_as_a_table(panda, tmp_path):
     assert all(float(row["width_at_touch_m"]) == jaw.touch_width for row in rows)
     assert float(rows[0]["force_per_jaw_N"]) == jaw.jaw_force and float(rows[0]["force_total_N"]) == jaw.total_force
     assert float(rows[0]["effort"]) == jaw.joints[0].effort
+    # Two jaws slide towards each other, each at the speed of its joint.
+    impact = panda.motion.impact
+    assert float(rows[0]["speed_m_s"]) == pytest.approx(2 * abs(panda.motion.dq[impact, 0]), rel=1e-5)
+    assert float(rows[0]["epsilon_m"]) == max(5e-3, jaw.touch_width - jaw.width)
 
 
 def test_a_motor_that_opens_at_positive_effort_and_one_without_an_end(panda):

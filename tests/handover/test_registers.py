@@ -75,6 +75,7 @@ def test_closing_drives_get_speed_and_limit(plan, tmp_path):
         rows = list(csv.DictReader(stream))
     assert [row["drive"] for row in rows] == [one.drive for one in found]
     for row, one in zip(rows, found, strict=True):
+        assert row["position"] == "0"  # the closed end of an Inspire's angles
         assert float(row["force_N"]) == pytest.approx(one.force)
         assert min(abs(one.force - force) for force in pressed.values()) < 1e-9
         assert float(row["expected_N"]) == pytest.approx(one.force)

@@ -83,7 +83,13 @@ def test_patterns_fit_drives_of_fingers_alone(tmp_path):
 
 def test_drives_with_all_figures_are_kept_in_records(tmp_path):
     closing = ClosingTable(
-        speeds=(1.0, 2.0), limits=(0.0, 5.0), peaks=(1.0, 2.0), low=(0.5, 1.5), high=(2.0, 3.0), trials=(3, 4)
+        speeds=(1.0, 2.0),
+        limits=(0.0, 5.0),
+        peaks=(1.0, 2.0),
+        low=(0.5, 1.5),
+        high=(2.0, 3.0),
+        trials=(3, 4),
+        position=0.0,
     )
     drive = replace(
         pg.load_hand("so101").drives[0],
