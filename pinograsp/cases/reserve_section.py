@@ -31,8 +31,8 @@ class ReserveSection(CaseSection):
     friction: Share = Reserve().friction
     normal_force: NotNegative = Reserve().normal_force
     torque: Share = Reserve().torque
-    softer: Times = Reserve().softer
-    stiffer: Times = Reserve().stiffer
+    softer: Times | Literal["sheet"] = 1.0
+    stiffer: Times | Literal["sheet"] = 1.0
     drive: Share | Literal["sheet"] = 0.0
 
     def make(self, tasks: Sequence[TaskSection] = ()) -> Reserve:

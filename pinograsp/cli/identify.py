@@ -167,7 +167,8 @@ def _identify_closings(logs: list[Path], reading: LogOptions, sheet: SheetOption
     touches += [(f"for {force:g}", found.table.find_command(force)) for force in sheet.force or ()]
     if sheet.out is not None:
         names = ", ".join(log.name for log in logs[:3]) + (f" and {len(logs) - 3} more" if len(logs) > 3 else "")
-        write_file(sheet.out, write_closing(found.table, sheet.drive, f"identified from {names}").encode())
+        ratios = None if found.contact is None else found.contact.find_ratios()
+        write_file(sheet.out, write_closing(found.table, sheet.drive, f"identified from {names}", ratios).encode())
     if session.as_json:
         session.print_json(_document(found, touches, sheet.out))
         return

@@ -22,7 +22,7 @@ def drive_record(drive: Drive) -> dict[str, Any]:
     plain: dict[str, Any] = {name: getattr(drive, name) for name in _FIELDS}
     plain["limit"] = drive.limit if drive.limit < math.inf else None
     plain |= {name: list(plain[name]) for name in ("joints", "arms")}
-    plain["efforts"] = drive.efforts and list(drive.efforts)
+    plain |= {name: plain[name] and list(plain[name]) for name in ("efforts", "contact_stiffness")}
     plain["sources"] = [asdict(one) | {"interval": one.interval and list(one.interval)} for one in drive.sources]
     if drive.closing is not None:
         plain["closing"] = closing_record(drive.closing)

@@ -22,6 +22,7 @@ from pinograsp.spatial import Array
 Control: TypeAlias = Literal["torque", "position", "jaw"]
 
 LEAST_ARM, LARGEST_ARM = 1e-9, 1e6
+FARTHEST_OFF = 1e3  # [-] of contact stiffness, from the planned one
 _MOST_SHOWN = 4  # joints of a drive in words
 # Where the stiffness of a servo is not known: that of a small one [N m/rad], and of the same 30 mm from its axis [N/m].
 SERVO = 50.0
@@ -58,6 +59,8 @@ class Drive:
         friction: effort that dry friction takes; None where it is not known.
         latency: time from a command to the motion [s]; None where it is not known.
         closing: what its finger presses with when it closes on a stop; None where nobody has measured it.
+        contact_stiffness: least and largest stiffness of its fingers' contacts over the planned one [-], as
+            (0.8, 1.3); None: nobody has measured it.
         sources: where these figures come from, and which are guesses; each at most once.
 
     Raises:
@@ -81,6 +84,7 @@ class Drive:
     friction: float | None = None
     latency: float | None = None
     closing: ClosingTable | None = None
+    contact_stiffness: tuple[float, float] | None = None
     sources: tuple[Source, ...] = ()
 
     __repr__ = brief()
@@ -121,6 +125,14 @@ class Drive:
                     f"{limit:g}, got {least:g} and {most:g}"
                 )
             object.__setattr__(self, "efforts", (least, most))
+        if self.contact_stiffness is not None:
+            low, high = array_of(f"contact_stiffness of {where}", self.contact_stiffness, (2,)).tolist()
+            if not 1 / FARTHEST_OFF <= low <= 1.0 <= high <= FARTHEST_OFF:
+                raise InvalidInput(
+                    f"contact_stiffness of {where}: expected the least and the largest over the planned one, within "
+                    f"{1 / FARTHEST_OFF:g} to 1 and 1 to {FARTHEST_OFF:g}, got {low:g} and {high:g}"
+                )
+            object.__setattr__(self, "contact_stiffness", (low, high))
         floor = number(f"floor of {where}", self.floor, at_least=0)
         if floor > limit:
             raise InvalidInput(

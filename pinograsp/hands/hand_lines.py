@@ -61,6 +61,9 @@ def _describe_drives(
             lines.append(f"    {drive}, limit {limit}{known}")
             if drive.closing is not None:
                 lines.append(f"      closing on a stop: {drive.closing}")
+            if drive.contact_stiffness is not None:
+                low, high = drive.contact_stiffness
+                lines.append(f"      contacts of its fingers: {low:.3g} to {high:.3g} times as stiff as planned")
     lines += [f"    {source}" for source in unlike(drive.sources for drive in drives)]
     if any(drive.stiffness is None for drive in drives):
         lines.append(

@@ -116,9 +116,19 @@ def write_sheet(drives: Sequence[Drive], hand: str) -> str:
     return _write([drive_record(drive) for drive in drives], hand)
 
 
-def write_closing(table: ClosingTable, drive: str, source: str) -> str:
-    """The data sheet that says of a drive, or of those that a pattern fits, what its finger presses with."""
-    figures = {"name": drive, "closing": closing_record(table), "sources": [{"figure": "closing", "text": source}]}
+def write_closing(
+    table: ClosingTable, drive: str, source: str, contact_stiffness: tuple[float, float] | None = None
+) -> str:
+    """The data sheet that says of a drive, or of those that a pattern fits, what its finger presses with, and how stiff
+    its contacts are over the planned ones [-], least and largest, where that is known.
+    """
+    figures: dict[str, Any] = {
+        "name": drive,
+        "contact_stiffness": contact_stiffness,
+        "closing": closing_record(table),
+    }
+    known = [figure for figure in ("closing", "contact_stiffness") if figures[figure] is not None]
+    figures["sources"] = [{"figure": figure, "text": source} for figure in known]
     return _write([figures], "a finger that closes on a stop")
 
 

@@ -23,6 +23,7 @@ Figure: TypeAlias = Literal[
     "friction",
     "latency",
     "closing",
+    "contact_stiffness",
 ]
 
 _DATE = re.compile(r"\d{4}(-\d{2}(-\d{2})?)?")

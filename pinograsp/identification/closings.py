@@ -66,6 +66,16 @@ class ContactFit:
         slopes = rho * k ** (1 / rho) * force ** (1 - 1 / rho)
         return widen(slopes[0], slopes, _WIDER, _SHARE)
 
+    def find_ratios(self) -> tuple[float, float] | None:
+        """Least and largest stiffness over that of the best fit [-], at the middle of the forces, for the
+        ``contact_stiffness`` of a data sheet; None: the slope is not known at all.
+        """
+        try:
+            softer, stiffer = self.reserve_factors(float(np.median(self.forces)))
+        except InvalidInput:
+            return None
+        return 1.0 / softer, stiffer
+
     def reserve_factors(self, force: float) -> tuple[float, float]:
         """How many times as soft and as stiff as its best fit the contact may be [-], for ``Reserve(softer=)`` and
         ``stiffer=``: the ratios of K to which the interval of the slope at a force comes.

@@ -153,6 +153,7 @@ def record_reserve(
     problem = squeeze.problem
     body = instance_of("object", problem.object, Body)
     weight = body.mass * float(np.linalg.norm(problem.gravity_o))
+    softest, stiffest = reserve.stiffness_range
     return PlanReserve(
         disturbance=reserve.disturbance,
         force=reserve.disturbance * weight,
@@ -161,8 +162,8 @@ def record_reserve(
         friction=reserve.friction,
         normal_force=reserve.normal_force * weight,
         torque=reserve.torque,
-        softer=reserve.softer,
-        stiffer=reserve.stiffer,
+        softer=1.0 / softest,
+        stiffer=stiffest,
         drive=float(effort_shares(hand).max(initial=0.0)) if reserve.drive == "sheet" else reserve.drive,
         tasks=tuple(task.describe() for task in reserve.tasks),
         loads=len(squeeze.load_set.loads),

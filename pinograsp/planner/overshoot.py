@@ -85,7 +85,8 @@ def soften_blow(hand: HandModel, problem: ForceProblem, motion: Motion, reserve:
     """
     if problem.max_normal_force is None or reserve is None or not reserve.drive:
         return problem
-    stiff = problem.compliance.scale(reserve.stiffer if reserve.stiffer > 1 else _STIFFEST)
+    stiffer = reserve.stiffness_range[1]
+    stiff = problem.compliance.scale(stiffer if stiffer > 1 else _STIFFEST)
     taken = stiff.energy(stiff.depth(_BLOW * problem.max_normal_force))
     touch, end = float(motion.times[motion.impact]), float(motion.times[-1])
     nearly = motion.times >= touch - (end - touch)

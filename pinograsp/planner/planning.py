@@ -64,7 +64,9 @@ def plan_grasp(
     instance_of("options", options, PlanOptions)
     instance_of("reserve", reserve, Reserve, type(None))
     limit = None if torque_limit is None else effort_of(hand, torque_limit)
-    return GraspTask(hand=hand, setup=Setup(problem, reserve, limit), options=options, progress=progress).plan()
+    return GraspTask(
+        hand=hand, setup=Setup(problem, _of_hand(hand, reserve), limit), options=options, progress=progress
+    ).plan()
 
 
 def plan_grasp_on(
@@ -97,6 +99,10 @@ def plan_grasp_on(
     if not _is_same(hand, closure.hand):
         raise InvalidInput("hand: expected the closure's own, where it was closed (closure.hand), got another one")
     return GraspTask.of_closure(closure, conditions, options, progress=progress, started=started).plan()
+
+
+def _of_hand(hand: HandModel, reserve: Reserve | None) -> Reserve | None:
+    return None if reserve is None else reserve.of_hand(hand)
 
 
 def _is_same(hand: HandModel, other: HandModel) -> bool:
@@ -154,7 +160,7 @@ class GraspTask:
         limit = None if conditions.torque_limit is None else effort_of(closure.hand, conditions.torque_limit)
         return cls(
             hand=closure.hand,
-            setup=Setup(problem, conditions.reserve, limit),
+            setup=Setup(problem, _of_hand(closure.hand, conditions.reserve), limit),
             options=replace(options, motion=motion),
             progress=progress,
             elapsed={"closing": time.perf_counter() - started},

@@ -37,7 +37,7 @@ def what_would_do(near: tuple[FoundGrasp, ...], conditions: GraspConditions, imp
     hand, contacts = closure.hand, closure.contacts()
     problem = problem_of(hand, closure.object, contacts, conditions)
     limit = None if conditions.torque_limit is None else effort_of(hand, conditions.torque_limit)
-    setup = Setup(problem, conditions.reserve, limit)
+    setup = Setup(problem, None if conditions.reserve is None else conditions.reserve.of_hand(hand), limit)
     rows = None if contacts.posture is None else pressing_together(hand, contacts, contacts.posture).rows
 
     def does(other: Setup) -> bool:

@@ -99,6 +99,7 @@ def test_drives_with_all_figures_are_kept_in_records(tmp_path):
         friction=0.1,
         latency=0.05,
         closing=closing,
+        contact_stiffness=(0.5, 2.0),
         sources=(Source(figure="closing", text="a log", date="2026-11-28"),),
     )
     hand = pg.load_hand("so101").with_drives([drive])
@@ -106,7 +107,14 @@ def test_drives_with_all_figures_are_kept_in_records(tmp_path):
     (tmp_path / "a.toml").write_text(write_sheet(hand.drives, "so101"))
     assert pg.load_hand("so101", drives=tmp_path / "a.toml").drives == (drive,)
     shown = hand.describe()
-    for text in ("continuous 0.5", "backlash 0.02", "latency", "closing on a stop: 1 to 2 N", "2026-11-28"):
+    for text in (
+        "continuous 0.5",
+        "backlash 0.02",
+        "latency",
+        "closing on a stop: 1 to 2 N",
+        "0.5 to 2 times as stiff",
+        "2026-11-28",
+    ):
         assert text in shown
 
 
@@ -160,3 +168,23 @@ def test_reserves_take_the_intervals_of_sheets(tmp_path):
         assert sums[name][0] == pytest.approx(sums[name][1], rel=1e-3)
     with pytest.raises(InvalidInput, match="share"):
         pg.Reserve(drive="guess")
+
+
+def test_reserves_take_the_contacts_stiffness_of_sheets(tmp_path):
+    """The widest of the drives' intervals, as numbers in the plan's record."""
+    (tmp_path / "a.toml").write_text('[[drives]]\nname = "jaws"\ncontact_stiffness = [0.8, 1.5]\n')
+    hand, body = pg.load_hand("panda", drives=tmp_path / "a.toml"), pg.Box(size=(0.04, 0.04, 0.06), mass=0.2)
+    reserve = pg.Reserve(softer="sheet", stiffer="sheet")
+    assert reserve.of_hand(hand) == pg.Reserve(softer=1.25, stiffer=1.5)
+    assert pg.Reserve(softer=3.0, stiffer="sheet").of_hand(hand) == pg.Reserve(softer=3.0, stiffer=1.5)
+    conditions = pg.GraspConditions(mu=0.5, reserve=reserve)
+    plan = plan_best(pg.find_grasps(hand, body, conditions, count=2, seed=1), conditions)
+    assert (plan.reserve.softer, plan.reserve.stiffer) == (1.25, 1.5)
+    with pytest.raises(InvalidInput, match="contact_stiffness is known"):
+        reserve.of_hand(pg.load_hand("allegro_right"))
+    with pytest.raises(InvalidInput, match="of_hand"):
+        reserve.stiffness_factors  # noqa: B018
+    for odd in ([1.5, 2.0], [0.0, 2.0], [0.5, 0.9]):
+        (tmp_path / "a.toml").write_text(f'[[drives]]\nname = "jaws"\ncontact_stiffness = {odd}\n')
+        with pytest.raises(InvalidInput, match="contact_stiffness"):
+            pg.load_hand("panda", drives=tmp_path / "a.toml")

@@ -61,6 +61,8 @@ def test_peaks_lag_speed_and_contact_law_come_back(tmp_path, seed):
         told = found.contact.slope(force)
         assert softer >= 1.0 and stiffer >= 1.0
         assert softer * stiffer == pytest.approx((told.high / told.low) ** found.contact.fits[0, 2])
+    middle = found.contact.reserve_factors(float(np.median(found.contact.forces)))
+    assert found.contact.find_ratios() == pytest.approx((1 / middle[0], middle[1]))
     assert found.contact.error < 0.2  # half a count is up to a tenth of the force
 
 

@@ -14,10 +14,11 @@ from pinograsp.errors import InvalidInput
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.robust.load_set import LoadSet
 from pinograsp.forces.robust.task import CIRCUMSCRIBED, Task, icosahedron
+from pinograsp.hands import HandModel
+from pinograsp.hands.drives import FARTHEST_OFF
 from pinograsp.objects.body import Body
 
 LEAST_FORCE = 0.05  # [N] below, the friction of drives and joints decides, not the plan
-_FARTHEST_OFF = 1e3  # [-] of contact stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,8 +36,9 @@ class Reserve:
             :data:`LEAST_FORCE`.
         torque: share of each torque limit that is kept free [-].
         softer: the contacts may be softer than assumed by this factor, and all of the above is borne there, too [-]; 1:
-            as assumed. What a squeeze becomes there depends on the stiffness of the hand's servos.
-        stiffer: or stiffer by this factor [-].
+            as assumed. What a squeeze becomes there depends on the stiffness of the hand's servos. ``"sheet"``: by what
+            the drives' ``contact_stiffness`` says (:meth:`of_hand`).
+        stiffer: or stiffer by this factor [-], or ``"sheet"``.
         drive: share by which the drives' efforts may be off what they are told, all of them together or each alone, and
             all of the above is borne there, too [-]; what a squeeze becomes depends on the servos there as well.
             ``"sheet"``: each drive's own, the interval of its ``effort_step``, 0.3 where none is known
@@ -50,8 +52,8 @@ class Reserve:
     friction: float = 0.2
     normal_force: float = 0.05
     torque: float = 0.1
-    softer: float = 1.0
-    stiffer: float = 1.0
+    softer: float | Literal["sheet"] = 1.0
+    stiffer: float | Literal["sheet"] = 1.0
     drive: float | Literal["sheet"] = 0.0
     tasks: tuple[Task, ...] = ()
 
@@ -68,8 +70,9 @@ class Reserve:
         put("friction", share_of("reserve: friction", self.friction))
         put("normal_force", number("reserve: normal force", self.normal_force, at_least=0))
         put("torque", share_of("reserve: torque", self.torque))
-        put("softer", number("reserve: softer", self.softer, at_least=1, at_most=_FARTHEST_OFF))
-        put("stiffer", number("reserve: stiffer", self.stiffer, at_least=1, at_most=_FARTHEST_OFF))
+        for name in ("softer", "stiffer"):
+            if (value := getattr(self, name)) != "sheet":
+                put(name, number(f"reserve: {name} (a factor, or 'sheet')", value, at_least=1, at_most=FARTHEST_OFF))
         if self.drive != "sheet":
             put("drive", share_of("reserve: drive (a share, or 'sheet')", self.drive))
         object.__setattr__(self, "tasks", items_of("reserve: tasks", self.tasks, Task))
@@ -80,9 +83,43 @@ class Reserve:
         return cls(disturbance=0.0, moment_arm=0.0, mass=0.0, friction=0.0, normal_force=0.0, torque=0.0)
 
     @property
+    def stiffness_range(self) -> tuple[float, float]:
+        """Least and largest stiffness of the contacts over the assumed one [-].
+
+        Raises:
+            InvalidInput: the sheet's, of which only :meth:`of_hand` has the numbers.
+        """
+        if self.softer == "sheet" or self.stiffer == "sheet":
+            raise InvalidInput(
+                "reserve: expected factors for softer and stiffer, got 'sheet': take those of reserve.of_hand(hand)"
+            )
+        return 1.0 / self.softer, self.stiffer
+
+    @property
     def stiffness_factors(self) -> tuple[float, ...]:
-        """Real over assumed stiffness of the contacts at both ends of what is borne, without 1 [-]."""
-        return tuple(factor for factor in (1.0 / self.softer, self.stiffer) if factor != 1)
+        """Both ends of :attr:`stiffness_range`, without 1 [-]."""
+        return tuple(factor for factor in self.stiffness_range if factor != 1)
+
+    def of_hand(self, hand: HandModel) -> Reserve:
+        """With the numbers of a hand's data sheet for ``softer`` and ``stiffer``: the widest of its drives.
+
+        Raises:
+            InvalidInput: no drive whose ``contact_stiffness`` is known.
+        """
+        if "sheet" not in (self.softer, self.stiffer):
+            return self
+        known = [drive.contact_stiffness for drive in hand.drives if drive.contact_stiffness is not None]
+        if not known:
+            raise InvalidInput(
+                f"reserve: expected a drive of {hand.name} whose contact_stiffness is known, for softer or stiffer "
+                "'sheet', got none: identify it from closings, write it into the data sheet, or give factors"
+            )
+        softer, stiffer = 1.0 / min(low for low, _ in known), max(high for _, high in known)
+        return replace(
+            self,
+            softer=softer if self.softer == "sheet" else self.softer,
+            stiffer=stiffer if self.stiffer == "sheet" else self.stiffer,
+        )
 
     @property
     def has_scenarios(self) -> bool:
