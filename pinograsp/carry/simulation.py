@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 
 from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.carry.loads import LoadedRobot
@@ -70,10 +69,9 @@ def choose_servo(plan: CarryPlan) -> Servo:
     arm = LoadedRobot.carry(robot, plan.grasp).arm
     bare = arm[np.isnan(robot.servo_stiffness[arm]) & (robot.effort[arm] > 0)]
     stiffness, damping = np.array(own.stiffness), np.array(own.damping)
-    model, least = robot.model, np.full(robot.n, np.inf)
+    least = np.full(robot.n, np.inf)
     for q in plan.q[np.linspace(0, len(plan.q) - 1, _POSTURES).astype(int)]:
-        mass = np.triu(pin.crba(model, model.createData(), np.array(q)))
-        mass += np.triu(mass, 1).T + np.diag(own.rotor - model.armature)
+        mass = robot.joint_inertia(q) + np.diag(own.rotor - robot.model.armature)
         least = np.minimum(least, 1.0 / np.diag(np.linalg.inv(mass)))
     stiffness[bare] = np.minimum(robot.effort / _GIVES, _QUICKEST**2 * least)[bare]
     damping[bare] = 2.0 * np.sqrt(stiffness * least)[bare]

@@ -275,6 +275,12 @@ class HandModel:
     def _joint(self, joint_id: int) -> pin.JointModel:
         return self.model.joints[integer("joint", joint_id, at_least=0, at_most=self.model.njoints - 1)]
 
+    def joint_inertia(self, q: ArrayLike) -> Array:
+        """Inertia of the joints in a posture q (n,), that of the motors included (n, n) [kg m^2 or kg]."""
+        upper = np.triu(pin.crba(self.model, self.model.createData(), array_of("q", q, (self.n,))))
+        whole: Array = upper + np.triu(upper, 1).T
+        return whole
+
     def frame_placements(self, q: ArrayLike, names: Iterable[str]) -> Array:
         """Placements oMf (..., len(names), 4, 4) of the named frames at ``q`` (n,) or an array (f, n) [rad]."""
         many = isinstance(q, np.ndarray) and q.ndim == 2

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, Reserve
@@ -90,9 +89,7 @@ def soften_blow(hand: HandModel, problem: ForceProblem, motion: Motion, reserve:
     taken = stiff.energy(stiff.depth(_BLOW * problem.max_normal_force))
     touch, end = float(motion.times[motion.impact]), float(motion.times[-1])
     nearly = motion.times >= touch - (end - touch)
-    model = hand.model
-    inertia = np.triu(pin.crba(model, model.createData(), np.array(motion.q[-1])))
-    inertia += np.triu(inertia, 1).T
+    inertia = hand.joint_inertia(motion.q[-1])
     over = 1.0
     for name, contacts in group_contacts(hand, [contact.link for contact in problem.contacts]).items():
         if (finger := next((one for one in hand.fingers if one.name == name), None)) is None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
@@ -139,7 +138,7 @@ class Servo:
         if damping is not None:
             damped = _each("servo damping", damping, hand.n)
         elif hand.couplings:
-            inertia = np.diag(pin.crba(model, model.createData(), np.clip(hand.resting, hand.lower, hand.upper)))
+            inertia = np.diag(hand.joint_inertia(np.clip(hand.resting, hand.lower, hand.upper)))
             damped = 2 * np.sqrt(felt * (inertia - model.armature + rotor))
         else:
             damped = SETTLING * felt

@@ -585,6 +585,7 @@ def test_descriptions_list_the_drives(tmp_path):
         "friction": None,
         "latency": None,
         "closing": None,
+        "contact_stiffness": None,
         "sources": [],
     }
     assert data["drives"][1]["limit"] is None
