@@ -11,7 +11,7 @@ from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.carry.loads import LoadedRobot
 from pinograsp.checks import instance_of
 from pinograsp.contacts import law_of
-from pinograsp.hands.servos import find_pressing
+from pinograsp.hands.servos import GIVES, QUICKEST, find_pressing
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.plan import Simulation
 from pinograsp.simulation import Servo, simulate
@@ -26,8 +26,6 @@ _STEP = 2e-3  # [s] of the commands
 _CHANGE = 0.15  # [s] from the grasp's squeeze to the first one of the way
 _SETTLE = 0.05  # [s] between letting go and setting off
 LETTING_GO = 0.2  # [s]
-_GIVES = 0.03  # [rad or m] by which an arm's drive gives way to its largest torque
-_QUICKEST = 700.0  # [rad/s] of its servo: damping that acts at the beginning of a step of 1 ms is stable below 1000
 _POSTURES = 9  # on the way, at which the arm's inertia is looked at
 
 
@@ -73,7 +71,7 @@ def choose_servo(plan: CarryPlan) -> Servo:
     for q in plan.q[np.linspace(0, len(plan.q) - 1, _POSTURES).astype(int)]:
         mass = robot.joint_inertia(q) + np.diag(own.rotor - robot.model.armature)
         least = np.minimum(least, 1.0 / np.diag(np.linalg.inv(mass)))
-    stiffness[bare] = np.minimum(robot.effort / _GIVES, _QUICKEST**2 * least)[bare]
+    stiffness[bare] = np.minimum(robot.effort / GIVES, QUICKEST**2 * least)[bare]
     damping[bare] = 2.0 * np.sqrt(stiffness * least)[bare]
     pressing = find_pressing(robot)
     return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control, pressing=pressing)

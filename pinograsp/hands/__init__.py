@@ -1,6 +1,7 @@
 """Hands: description (DH tables, URDF, xacro, MJCF) to :class:`HandModel`."""
 
 from pinograsp.hands.attach import attach
+from pinograsp.hands.detach import detach
 from pinograsp.hands.drives import Drive, Spring, ratios_of
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import Finger, HandModel
@@ -14,6 +15,7 @@ __all__ = [
     "Source",
     "Spring",
     "attach",
+    "detach",
     "load_hand",
     "ratios_of",
     "servo_gains",

@@ -183,6 +183,13 @@ class HandModel:
         return read_only(np.array([self.posture.get(joint, 0.0) for joint in self.joint_names]))
 
     @property
+    def arm(self) -> IntArray:
+        """Which of the actuated joints carry the palm (a,), those of an arm from its root on; none of a hand alone."""
+        palm = self.model.frames[self.frame_id(self.palm)].parentJoint
+        joints = [self.model.joints[j] for j in self.model.supports[palm] if j]
+        return np.array([joint.idx_v for joint in joints if joint.nv], dtype=int)
+
+    @property
     def effort(self) -> Array:
         """Effort limits (n,) [N m or N]; 0 where there is none. Of a joint that moves several jaws: of all of them."""
         return read_only(self.model.effortLimit)

@@ -11,8 +11,9 @@ from shipped_hands import loaded
 import pinograsp as pg
 from pinograsp.carry import plan_carry
 from pinograsp.errors import InvalidInput
-from pinograsp.hands import attach
+from pinograsp.hands import attach, detach, servo_gains
 from pinograsp.hands.catalogue import file_of
+from pinograsp.hands.record import hand_of, hand_record
 
 UR5 = "ur_description/urdf/ur5_robot.urdf"
 AT = pin.SE3(pin.utils.rotate("z", 0.3) @ pin.utils.rotate("x", 0.2), np.array([0.01, 0, 0.02])).homogeneous
@@ -95,10 +96,54 @@ def test_it_is_planned_with_carried_and_kept(arm_file, tmp_path):
     )
     carried = plan_carry(robot, plan, {"shoulder_pan_joint": [0.0, 0.3, 0.6]})
     assert 0.05 < carried.duration < 3.0
+    assert plan.status is pg.Status.OK and any("of the arm's" in note for note in plan.notes)
+    assert (
+        servo_gains(robot)[0] == robot.effort[0] / 0.03 and servo_gains(robot)[-1] == servo_gains(loaded("panda"))[-1]
+    )
     back = pg.load_run(pg.save_run(plan, tmp_path / "run")).hand
     np.testing.assert_allclose(
         back.frame_placements(robot.resting, ["panda_hand"]), plan.hand.frame_placements(robot.resting, ["panda_hand"])
     )
+
+
+@pytest.mark.parametrize("hand_name", ["allegro_right", "panda", "psyonic_left", "hey5"])
+def test_the_hand_comes_off_again(arm_file, hand_name):
+    """Joints, links, inertias, limits and drives stay where they were; what the last joint carries is its root."""
+    home = {"elbow_joint": 0.7, "wrist_1_joint": -0.4}
+    robot, alone = attach(arm_file, hand_name, link="tool0", at=AT, posture=home), loaded(hand_name)
+    hand = detach(robot)
+    assert (hand.joint_names, hand.palm) == (alone.joint_names, alone.palm) and not len(hand.arm)
+    assert [str(one) for one in hand.drives] == [str(one) for one in alone.drives]
+    q, whole = np.random.default_rng(5).uniform(hand.lower, hand.upper), np.array(robot.resting)
+    whole[[robot.joint_names.index(name) for name in hand.joint_names]] = q
+    names = [hand.palm, *(link for finger in hand.fingers for link in finger.links)]
+    np.testing.assert_allclose(hand.frame_placements(q, names), robot.frame_placements(whole, names), atol=1e-12)
+    fingers = [robot.joint_names.index(name) for name in hand.joint_names]
+    np.testing.assert_allclose(
+        hand.joint_inertia(q), robot.joint_inertia(whole)[np.ix_(fingers, fingers)], rtol=1e-9, atol=1e-12
+    )
+    placed = {one.name: one.placement for one in alone.geometry.geometryObjects}
+    own = {one.name: one for one in hand.geometry.geometryObjects}
+    assert set(placed) < set(own) and "wrist_3_link_0" in own
+    for name, one in own.items():
+        if one.parentJoint and name in placed:
+            np.testing.assert_allclose(one.placement.homogeneous, placed[name].homogeneous, atol=1e-12)
+    back = hand_of(hand_record(hand))
+    np.testing.assert_allclose(back.frame_placements(q, names), hand.frame_placements(q, names), atol=1e-12)
+    assert detach(hand) is hand and detach(alone) is alone
+
+
+def test_what_is_planned_for_the_hand_alone_is_carried_by_the_robot(arm_file):
+    home = dict(zip(("shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint"), (-1.5, 1.6, -1.6, -1.57)))
+    robot = attach(arm_file, "panda", link="tool0", posture=home)
+    hand, there = detach(robot), np.eye(4)
+    there[2, 3] = 0.1034
+    box = pg.Box(size=(0.04, 0.04, 0.06), mass=0.2)
+    at_palm = box.placed(hand.frame_placements(hand.resting, ["panda_hand"])[0] @ there)
+    plans = [pg.plan_grasp_on(one, at_palm, pg.GraspConditions(mu=0.6)) for one in (hand, robot)]
+    np.testing.assert_allclose(plans[0].forces.normal_forces, plans[1].forces.normal_forces, rtol=1e-3)
+    carried = [plan_carry(robot, plan, {"shoulder_pan_joint": [0.0, 0.3, 0.6]}) for plan in plans]
+    assert carried[0].duration == pytest.approx(carried[1].duration, rel=1e-3)
 
 
 def test_what_cannot_be_mounted_is_refused(arm_file):
