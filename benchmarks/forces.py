@@ -271,7 +271,7 @@ class Ours:
     def again(self, known: tuple[pg.ForceSolver, np.ndarray], load: np.ndarray) -> tuple[pg.ForceSolver, np.ndarray]:
         return known[0], load
 
-    def solve(self, inputs: tuple[pg.ForceSolver, np.ndarray]) -> pg.ForceSolution:
+    def solve(self, inputs: tuple[pg.ForceSolver, np.ndarray]) -> pg.forces.ForceSolution:
         solver, load = inputs
         return solver.solve(load)
 
@@ -606,7 +606,7 @@ class Group:
         for name in QP_SOLVERS:
             method = self.methods[name]
             first = [timed(method, method.again, known, known[1])[1] for known in self.known[name]]
-            own = sum(isinstance(found, pg.ForceSolution) and found.solver == name for found in first)
+            own = sum(isinstance(found, pg.forces.ForceSolution) and found.solver == name for found in first)
             if name in COMPILED and own <= len(cases) / 2:
                 del self.methods[name]
         self.calls = {name: {mode: {} for mode in MODES} for name in self.methods}

@@ -42,7 +42,7 @@ def solves(method: str, model: str, case: dict) -> tuple:
             for i, (p, R) in enumerate(zip(case["points"], case["rotations"]))
         )
         friction = pg.Friction(model=model)
-        made = pg.ContactSet(contacts=contacts, com_o=np.zeros(3))
+        made = pg.contacts.ContactSet(contacts=contacts, com_o=np.zeros(3))
         problem = pg.ForceProblem(
             contacts=made, load=case["loads"][0], mu=case["mu"], friction=friction, max_depth=5e-3
         )

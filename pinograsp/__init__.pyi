@@ -8,7 +8,6 @@ from .certification import (
     certify as certify,
 )
 from .contacts import (
-    ContactSet as ContactSet,
     Friction as Friction,
     MarhefkaOrin as MarhefkaOrin,
     close_hand as close_hand,
@@ -21,7 +20,6 @@ from .errors import (
 from .forces import (
     ForceBatch as ForceBatch,
     ForceProblem as ForceProblem,
-    ForceSolution as ForceSolution,
     ForceSolver as ForceSolver,
     GraspConditions as GraspConditions,
     GridSpec as GridSpec,
@@ -40,12 +38,12 @@ from .forces import (
 )
 from .hands import (
     HandModel as HandModel,
+    attach as attach,
     load_hand as load_hand,
 )
 from .motion import (
     MotionSpec as MotionSpec,
     OnlineForces as OnlineForces,
-    plan_motion as plan_motion,
     torque_limits as torque_limits,
 )
 from .objects import (
@@ -54,8 +52,12 @@ from .objects import (
     Cylinder as Cylinder,
     Ellipsoid as Ellipsoid,
     Mesh as Mesh,
+    Scene as Scene,
     Sphere as Sphere,
     object_from as object_from,
+)
+from .pick import (
+    plan_pick as plan_pick,
 )
 from .planner import (
     GraspPlan as GraspPlan,

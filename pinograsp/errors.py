@@ -202,6 +202,14 @@ class GraspNotFound(NoGrasp):
         self.search = search  # Any: this room comes before the records of a search
 
 
+class PickFailed(NoGrasp):
+    """No grasp was found that the arm reaches, lifts and puts down. ``reasons``: what kept it from how many of them."""
+
+    def __init__(self, message: str, reasons: dict[str, int]):
+        super().__init__(message)
+        self.reasons = reasons
+
+
 class GeometryFailed(PinograspError):
     """The distance between ``link`` and the object could not be computed: a mesh is likely degenerate."""
 

@@ -206,7 +206,7 @@ def test_postures_records_and_names(hand, contacts, cylinder):
         (lambda: pg.contacts_at(hand, cylinder, {"nobody": [0.01, 0.0, 0.06]}), "expected one of thumb"),
         (lambda: pg.contacts_at(hand, cylinder, POINTS, links={"thumb": 3}), "links of finger 'thumb'"),
         (lambda: pg.optimize_forces(contacts, 0.9), "^problem: expected a ForceProblem"),
-        (lambda: pg.plan_motion(hand, contacts), "^solution: expected"),
+        (lambda: pg.motion.plan_motion(hand, contacts), "^solution: expected"),
         (lambda: pg.load_hand(3), "^hand: expected a path"),
         (lambda: pg.load_case("paper", 3), "^changes: expected"),
     ):

@@ -104,7 +104,7 @@ CALLS = {
     "stability": lambda w: actuation.object_stiffness(
         w["contacts"].G, np.eye(9), w["yielding"], w["solution"].forces_c
     ).is_stable(),
-    "motion": lambda w: pg.plan_motion(w["hand"], w["solution"]),
+    "motion": lambda w: pg.motion.plan_motion(w["hand"], w["solution"]),
 }
 
 

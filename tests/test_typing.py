@@ -132,7 +132,7 @@ def script(
     found: GraspSearch,
     loads: pg.LoadSet,
     batch: pg.ForceBatch,
-    contacts: pg.ContactSet,
+    contacts: pg.contacts.ContactSet,
 ) -> None:
 """
 

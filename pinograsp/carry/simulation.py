@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.carry.loads import LoadedRobot
 from pinograsp.checks import instance_of
 from pinograsp.contacts import law_of
+from pinograsp.handover import JointTrajectory
 from pinograsp.hands.servos import GIVES, QUICKEST, find_pressing
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.plan import Simulation
@@ -18,6 +19,7 @@ from pinograsp.simulation import Servo, simulate
 from pinograsp.simulation.options import SimulationSettings
 from pinograsp.simulation.settings import Disturbance
 from pinograsp.simulation.task import Task
+from pinograsp.spatial import Array
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -77,50 +79,74 @@ def choose_servo(plan: CarryPlan) -> Servo:
     return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control, pressing=pressing)
 
 
-def build_simulation_task(plan: CarryPlan, letting_go: float) -> Task:
-    """The task of a carry plan: closing, letting go for a time [s], the way."""
+class ClosingPhase(NamedTuple):
+    """How a robot closes its hand at the start of a carry plan's way, up to the first squeeze of it.
+
+    Times (m,) [s], positions, speeds and torques (m, n); ``moved`` (4, 4): from the axes of the grasp to where the
+    object is then, which the palm has turned.
+    """
+
+    times: Array
+    q: Array
+    dq: Array
+    torques: Array
+    moved: Array
+
+
+def close_for_way(plan: CarryPlan, way: JointTrajectory) -> ClosingPhase:
+    """The closing of a carry plan's hand, then the change to the first squeeze of its ``way``."""
     robot, grasp, carried = plan.robot, plan.grasp, LoadedRobot.carry(plan.robot, plan.grasp)
-    motion, way = plan.closing, plan.trajectory(rate=1.0 / _STEP)
-    start = np.array(way.q[0])
+    motion, start = plan.closing, np.array(way.q[0])
     start[carried.fingers] = motion.q[-1][carried.finger_dofs]
-    # Where the object's axes of the grasp are when the arm is at the start of its path.
     moved = carried.axes(start[None])[0]
-    turn = moved[:3, :3]
     # Closing: the fingers' motion, with the contacts' torques of the grasp.
     q, dq, ddq = np.tile(start, (len(motion.times), 1)), *np.zeros((2, len(motion.times), robot.n))
     for own, grasped in ((q, motion.q), (dq, motion.dq), (ddq, motion.ddq)):
         own[:, carried.fingers] = grasped[:, carried.finger_dofs]
     # In the grasp's axes gravity pulls as the palm lies now, where the motion was planned for that.
-    gravity = grasp.gravity_o if motion is grasp.motion else turn.T @ plan.gravity_o
+    gravity = grasp.gravity_o if motion is grasp.motion else moved[:3, :3].T @ plan.gravity_o
     bare = inverse_dynamics(grasp.hand, motion.q, motion.dq, motion.ddq, gravity_o=gravity)
     torques = inverse_dynamics(robot, q, dq, ddq, gravity_o=plan.gravity_o)
     torques[:, carried.fingers] += (motion.torques - bare)[:, carried.finger_dofs]
     # Then the first squeeze of the way, the arm bearing the object as it is let go.
-    closed = float(motion.times[-1])
     change = np.linspace(0.0, 1.0, max(2, round(_CHANGE / _STEP)) + 1)[1:]
     blend, rise = (1.0 - np.cos(np.pi * change)) / 2.0, np.pi / 2.0 * np.sin(np.pi * change) / _CHANGE
     shift = way.q[0] - q[-1]
-    release = closed + _CHANGE
+    presses = np.isin(np.arange(robot.n), carried.fingers)
+    squeezed = torques[-1] + blend[:, None] * (way.effort[0] - torques[-1]) * presses
+    return ClosingPhase(
+        times=np.concatenate([motion.times, float(motion.times[-1]) + change * _CHANGE]),
+        q=np.concatenate([q, q[-1] + blend[:, None] * shift]),
+        dq=np.concatenate([dq, rise[:, None] * shift]),
+        torques=np.concatenate([torques, squeezed]),
+        moved=moved,
+    )
+
+
+def build_simulation_task(plan: CarryPlan, letting_go: float) -> Task:
+    """The task of a carry plan: closing, letting go for a time [s], the way."""
+    robot, grasp, carried = plan.robot, plan.grasp, LoadedRobot.carry(plan.robot, plan.grasp)
+    way = plan.trajectory(rate=1.0 / _STEP)
+    closing = close_for_way(plan, way)
+    turn = closing.moved[:3, :3]
+    release = float(closing.times[-1])
     off = release + letting_go + _SETTLE
     # During letting go: a sample at its end is enough, torques in between are linear.
-    times = np.concatenate([motion.times, closed + change * _CHANGE, [off], off + way.times[1:]])
-    first = way.effort[0]
-    squeezed = torques[-1] + blend[:, None] * (first - torques[-1]) * np.isin(np.arange(robot.n), carried.fingers)
     forces = plan.forces_o[-1] @ turn.T
     return Task(
         hand=robot,
-        body=carried.body.placed(moved @ carried.body.pose),
-        times=times,
-        q=np.concatenate([q, q[-1] + blend[:, None] * shift, way.q]),
-        dq=np.concatenate([dq, rise[:, None] * shift, way.dq]),
-        torques=np.concatenate([torques, squeezed, way.effort]),
+        body=carried.body.placed(closing.moved @ carried.body.pose),
+        times=np.concatenate([closing.times, off + way.times]),
+        q=np.concatenate([closing.q, way.q]),
+        dq=np.concatenate([closing.dq, way.dq]),
+        torques=np.concatenate([closing.torques, way.effort]),
         holding_torques=way.effort[-1],
         torque_limit=np.where(robot.effort > 0, robot.effort, np.inf),
-        impact_time=float(motion.times[motion.impact]),
+        impact_time=float(plan.closing.times[plan.closing.impact]),
         final_time=release,
         names=plan.contacts,
         links=grasp.contacts.links,
-        points_o=grasp.contacts.points_o @ turn.T + moved[:3, 3],
+        points_o=grasp.contacts.points_o @ turn.T + closing.moved[:3, 3],
         forces_o=forces,
         normal_forces=plan.normal_forces[-1],
         settled_forces=plan.normal_forces[-1],

@@ -38,7 +38,7 @@ class SelfCollisions:
         self.centres = np.array([one.placement.act(np.array(one.geometry.aabb_center)) for one in self.objects])
         radii = np.array([one.geometry.aabb_radius for one in self.objects])
         self.links = [hand.model.frames[one.parentFrame].name for one in self.objects]
-        self.pairs = _list_pairs(hand)
+        self.pairs = list_pairs(hand)
         self.reach = radii[self.pairs].sum(axis=1)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -79,7 +79,7 @@ class SelfCollisions:
 
 
 @lru_cache(maxsize=8)
-def _list_pairs(hand: HandModel) -> IntArray:
+def list_pairs(hand: HandModel) -> IntArray:
     """Pairs of the hand's geometry objects (p, 2) that must not overlap."""
     model, objects = hand.model, list(hand.geometry.geometryObjects)
     if not objects:

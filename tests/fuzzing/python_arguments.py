@@ -159,7 +159,7 @@ def _add_contacts(call: Callable) -> None:
     call(w.problem.compliance.depth, force=[1.0, 2.0])
     point = {"point_o": np.array([0.01, 0.0, 0.0]), "rotation_oc": np.eye(3), "length": 0.03, "distance": 0.0}
     call(pg.contacts.Contact, finger="thumb", link="thumb_distal", **point, point_l=np.zeros(3))
-    call(pg.ContactSet, contacts=w.contacts.contacts, com_o=w.contacts.com_o, posture=w.q)
+    call(pg.contacts.ContactSet, contacts=w.contacts.contacts, com_o=w.contacts.com_o, posture=w.q)
     shape = contacts.DecelerationShape
     call(shape.linear, start=1.0, end=0.5)
     call(shape.polynomial, coefficients=[1.0, -0.5])
@@ -300,10 +300,10 @@ def _add_plans(call: Callable) -> None:
     w = WORLD
     call(pg.MotionSpec, acceleration_at_start="rest")
     call(motion.contact_postures, reference=w.finger_angles)
-    call(pg.plan_motion, spec=w.spec)
+    call(pg.motion.plan_motion, spec=w.spec)
 
     def build_and_plan(**settings):
-        return pg.plan_motion(w.hand, w.solution, pg.MotionSpec(**settings))
+        return pg.motion.plan_motion(w.hand, w.solution, pg.MotionSpec(**settings))
 
     call(build_and_plan, "MotionSpec, plan_motion", **CALLS["MotionSpec"][1])
     call(pg.OnlineForces, normal_forces=(0.1, 20.0), max_rate=100.0, ramp=0.1, period=1e-3, max_steps=50)

@@ -94,7 +94,7 @@ def test_the_reserve_is_kept_and_shown(plan, tmp_path):
 
 def test_robust_forces_are_carried_out(closure, plan):
     squeeze = search_reserve(replace(plan.problem, friction=CONE, torques=None), Reserve())
-    motion = pg.plan_motion(closure.hand, squeeze, None)
+    motion = pg.motion.plan_motion(closure.hand, squeeze, None)
     normals = np.einsum("kx,kx->k", motion.forces_o[-1], plan.contacts.rotations_oc[:, :, 2])
     assert normals == pytest.approx(squeeze.normal_forces, rel=1e-9)
 

@@ -380,7 +380,7 @@ def test_depth_of_a_ball_in_a_ball():
             distance=0.0,
             point_l=data.oMi[joint].actInv(end),
         )
-        found, normal, _ = Penetration(hand, ball, pg.ContactSet(contacts=(contact,), com_o=ball.com_o)).at(q)
+        found, normal, _ = Penetration(hand, ball, pg.contacts.ContactSet(contacts=(contact,), com_o=ball.com_o)).at(q)
         assert found[0] == pytest.approx(depth, abs=1e-9)
         assert normal[0] == pytest.approx(outward, abs=1e-5)
 

@@ -1,0 +1,78 @@
+"""What stands around a robot and the object that it is to take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pinograsp.checks import array_of, brief, instance_of, mapping_of, number, text_of
+from pinograsp.errors import InvalidInput
+from pinograsp.objects.body import Body
+from pinograsp.objects.primitives import Box
+from pinograsp.spatial import pose_of
+
+_DENSITY = 700.0  # [kg/m^3] of boards, which nobody weighs: they stay
+_BOARD = 0.04  # [m]
+CLEARANCE = 0.01  # [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """Obstacles that stay where they are, and how near a robot may come.
+
+    Tables, boxes, meshes and what URDF, SDF and MJCF files describe are all bodies
+    (:func:`~pinograsp.objects.load_object` reads files); their masses do not matter.
+
+    Attributes:
+        obstacles: ``{name: body}``, where they are in the world.
+        clearance: distance that robot and held object keep from them, and the robot from what it does not take [m]. A
+            hand that takes or puts down may come nearer to the object and to what that stands on.
+    """
+
+    obstacles: Mapping[str, Body] = field(default_factory=dict)
+    clearance: float = CLEARANCE
+
+    __repr__ = brief()
+
+    def __post_init__(self) -> None:
+        obstacles = mapping_of("obstacles", self.obstacles, "{name: body}")
+        for name, body in obstacles.items():
+            if not text_of("name of an obstacle", name):
+                raise InvalidInput("name of an obstacle: expected a text, got an empty one: give each a name")
+            instance_of(f"obstacle '{name}'", body, Body)
+        object.__setattr__(self, "obstacles", dict(obstacles))
+        object.__setattr__(self, "clearance", number("clearance", self.clearance, at_least=0, at_most=1, unit="m"))
+
+    @classmethod
+    def on_table(
+        cls,
+        height: float = 0.0,
+        *,
+        size: ArrayLike = (1.2, 0.8),
+        at: ArrayLike = (0.5, 0.0),
+        clearance: float = CLEARANCE,
+    ) -> Scene:
+        """A level table alone: a board of 40 mm, ``size`` (2,) [m] with its middle ``at`` (2,) [m], its top at
+        ``height`` [m] along the world's z axis.
+        """
+        (x, y), (across, along) = array_of("at", at, (2,)), array_of("size of a table", size, (2,))
+        top = number("height of a table", height, unit="m")
+        return cls(clearance=clearance).with_box("table", (across, along, _BOARD), at=(x, y, top - _BOARD / 2))
+
+    def with_obstacle(self, name: str, body: Body) -> Scene:
+        """With one more.
+
+        Raises:
+            InvalidInput: a name that there is already, or no body.
+        """
+        if name in self.obstacles:
+            raise InvalidInput(f"obstacle '{name}': expected a new name, got one that there is already")
+        return replace(self, obstacles={**self.obstacles, name: body})
+
+    def with_box(self, name: str, size: ArrayLike, *, at: ArrayLike) -> Scene:
+        """With one more, a box with edges ``size`` (3,) [m] along the world's axes and its middle ``at`` (3,) [m]."""
+        place = pose_of(array_of(f"at of obstacle '{name}'", at, (3,)), np.eye(3))
+        return self.with_obstacle(name, Box(size=size, density=_DENSITY, pose=place))

@@ -1,0 +1,180 @@
+"""A robot of which the arm alone moves, among what stands around it."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.contacts.self_collision import list_pairs
+from pinograsp.errors import InvalidInput
+from pinograsp.hands import HandModel
+from pinograsp.objects import Scene
+from pinograsp.objects.body import Body
+from pinograsp.simulation.geometry import convex_shapes
+from pinograsp.spatial import Array, BoolArray
+
+Object = Literal["free", "held"]  # it stays, or moves with the palm
+OBJECT = "the object"
+_ON = 2e-3  # [m] what is no farther below the object is what it stands on
+_MEETS = 1e-3  # [m] by which the held object may be in what it stands on, and _TOUCHES the open hand in the object:
+_TOUCHES = 2e-4  # [m] of an arm's postures to 0.1 mm, and shapes that lie on each other
+_LIMIT = 0.01  # [rad or m] that splines and rounding may take of a joint's way
+_SELF = 0.0  # [m] between links of the robot
+
+
+class Nearest(NamedTuple):
+    """The pair that is nearest to what it must keep, or farthest beyond: by how much [m], and the names of both."""
+
+    spare: float
+    one: str
+    other: str
+
+
+class Arm:
+    """A robot whose fingers stay, as those of a hand that is open, or that holds an object.
+
+    Args:
+        robot: arm and hand in one model.
+        q: of the robot (n,), where all but the arm's joints stay.
+        scene: what stands around.
+        body: the object, in the world; held: at q.
+        kind: whether the object stays or moves with the palm.
+
+    Attributes:
+        model: of the arm's joints alone, in their order in the robot's.
+        dofs: these, among the robot's (a,).
+    """
+
+    def __init__(self, robot: HandModel, q: Array, scene: Scene, body: Body, kind: Object):
+        self.robot, self.scene, self.body, self.kind = robot, scene, body, kind
+        self.dofs = robot.arm
+        if not len(self.dofs):
+            raise InvalidInput(f"robot '{robot.name}': expected an arm that carries the palm, got a hand alone")
+        self.resting = np.array(q)
+        joints = robot.model.joints
+        moving = {
+            j for j in range(1, robot.model.njoints) if joints[j].nv and joints[j].idx_v in set(self.dofs.tolist())
+        }
+        locked = [j for j in range(1, robot.model.njoints) if j not in moving]
+        self.model, (self.geometry,) = pin.buildReducedModel(robot.model, [robot.geometry], locked, self.resting)
+        self.data = self.model.createData()
+        self.palm_frame = self.model.getFrameId(robot.palm, pin.FrameType.BODY)
+        self.palm_joint = int(self.model.frames[self.palm_frame].parentJoint)
+        # Where the arm is may be nearer to a limit than it is to go.
+        x = self.resting[self.dofs]
+        lower, upper = self.model.lowerPositionLimit, self.model.upperPositionLimit
+        room = np.minimum(_LIMIT, (upper - lower) / 4.0)
+        self.lower, self.upper = np.minimum(lower + room, x), np.maximum(upper - room, x)
+        self.model.lowerPositionLimit, self.model.upperPositionLimit = self.lower, self.upper
+        own = [self.robot.model.frames[one.parentFrame].name for one in robot.geometry.geometryObjects]
+        self.names = [*own, *self._add_obstacles(), *self._add_object()]
+        self.margins = {near: self._margins(near) for near in (False, True)}
+        for a, b in self._pairs:
+            self.geometry.addCollisionPair(pin.CollisionPair(a, b))
+        self.near = self._request(True)
+        self.far = self._request(False)
+
+    # -- the geometry --------------------------------------------------------------------------------------------------
+
+    def _add(self, name: str, joint: int, placement: pin.SE3, body: Body) -> list[str]:
+        shapes = _shapes_of(body)
+        for i, shape in enumerate(shapes):
+            self.geometry.addGeometryObject(pin.GeometryObject(f"{name}/{i}", joint, placement, shape))
+        return [name] * len(shapes)
+
+    def _add_obstacles(self) -> list[str]:
+        names = list[str]()
+        for name, body in self.scene.obstacles.items():
+            names += self._add(name, 0, pin.SE3(body.shape_pose), body)
+        return names
+
+    def _add_object(self) -> list[str]:
+        at = pin.SE3(self.body.shape_pose)
+        if self.kind == "free":
+            return self._add(OBJECT, 0, at, self.body)
+        pin.forwardKinematics(self.model, self.data, self.resting[self.dofs])
+        return self._add(OBJECT, self.palm_joint, self.data.oMi[self.palm_joint].inverse() * at, self.body)
+
+    def _margins(self, near: bool) -> Array:
+        """What each pair keeps [m]; lists the pairs."""
+        own, joints = self.robot.geometry.ngeoms, [int(one.parentJoint) for one in self.geometry.geometryObjects]
+        hand = [joint == self.palm_joint for joint in joints]
+        supports = find_supports(self.scene, self.body)
+        pairs = [(int(a), int(b)) for a, b in list_pairs(self.robot).tolist() if joints[a] != joints[b]]
+        margins = [_SELF] * len(pairs)
+        for a in range(len(self.names)):
+            for b in range(max(own, a + 1), len(self.names)):
+                held = self.names[b] == OBJECT and self.kind == "held"
+                if joints[a] == joints[b] or (a >= own and not held):
+                    continue  # neither moves
+                touches = near and hand[a] and not held and (self.names[b] == OBJECT or self.names[b] in supports)
+                stands = near and held and self.names[a] in supports
+                pairs.append((a, b))
+                margins.append(-_MEETS if stands else -_TOUCHES if touches else self.scene.clearance)
+        self._pairs = pairs
+        return np.array(margins)
+
+    def _request(self, near: bool) -> pin.GeometryData:
+        data = self.geometry.createData()
+        for request, margin in zip(data.collisionRequests, self.margins[near].tolist()):
+            request.security_margin = margin
+        return data
+
+    # -- where it is ---------------------------------------------------------------------------------------------------
+
+    def palm(self, x: Array) -> Array:
+        """The palm (4, 4) in the world at the arm's positions x (a,)."""
+        pin.framesForwardKinematics(self.model, self.data, x)
+        pose: Array = self.data.oMf[self.palm_frame].homogeneous.copy()
+        return pose
+
+    def whole(self, x: Array) -> Array:
+        """The robot's positions (n,) or (m, n) at the arm's x (a,) or (m, a)."""
+        q: Array = np.broadcast_to(self.resting, (*x.shape[:-1], len(self.resting))).copy()
+        q[..., self.dofs] = x
+        return q
+
+    def is_free(self, x: Array, *, near: bool = False) -> bool:
+        """Whether all keep their distances at x (a,); ``near``: where a hand takes or puts down."""
+        return not pin.computeCollisions(self.model, self.data, self.geometry, self.near if near else self.far, x, True)
+
+    def are_free(self, xs: Array, *, near: bool = False) -> BoolArray:
+        """The same at xs (m, a), (m,)."""
+        free: BoolArray = np.array([self.is_free(x, near=near) for x in xs], dtype=bool)
+        return free
+
+    def find_apart(self, x: Array) -> Nearest:
+        """The least distance at x (a,) of what a hand is not to touch either where it takes or puts down."""
+        pin.computeDistances(self.model, self.data, self.geometry, self.near, x)
+        apart = np.array([one.min_distance for one in self.near.distanceResults])
+        i = int(np.where(self.margins[True] >= 0.0, apart, np.inf).argmin())
+        return Nearest(float(apart[i]), *(self.names[part] for part in self._pairs[i]))
+
+    def find_nearest(self, x: Array, *, near: bool = False) -> Nearest:
+        """What has least to spare at x (a,)."""
+        seen = self.near if near else self.far
+        pin.computeDistances(self.model, self.data, self.geometry, seen, x)
+        spare = np.array([one.min_distance for one in seen.distanceResults]) - self.margins[near]
+        i = int(spare.argmin())
+        return Nearest(float(spare[i]), *(self.names[part] for part in self._pairs[i]))
+
+
+def _shapes_of(body: Body) -> list[coal.ShapeBase]:
+    """A body as convex shapes, in its shape's own frame: coal knows no margins of others."""
+    return convex_shapes(body, [])
+
+
+def find_supports(scene: Scene, body: Body) -> set[str]:
+    """Names of the obstacles that a body stands on, or all but does."""
+    found = set[str]()
+    for name, obstacle in scene.obstacles.items():
+        for one in _shapes_of(obstacle):
+            for other in _shapes_of(body):
+                at = [coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (obstacle.shape_pose, body.shape_pose)]
+                request, result = coal.DistanceRequest(), coal.DistanceResult()
+                if coal.distance(one, at[0], other, at[1], request, result) <= _ON:
+                    found.add(name)
+    return found

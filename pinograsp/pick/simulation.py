@@ -1,0 +1,270 @@
+"""The whole of a pick in simulation: a free object, what it stands on, arm and hand by their own servos."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, fields
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from pinograsp.carry.simulation import choose_servo
+from pinograsp.checks import brief, each_of, instance_of
+from pinograsp.contacts import law_of
+from pinograsp.errors import InvalidInput, SimulationDiverged
+from pinograsp.hands.mujoco_callbacks import without_callbacks
+from pinograsp.objects import Capsule, Cylinder, Sphere
+from pinograsp.objects.body import Body
+from pinograsp.pick.arm import Arm, Nearest
+from pinograsp.pick.pick_plan import PickPlan
+from pinograsp.simulation.mujoco_engine import MujocoEngine
+from pinograsp.simulation.settings import Disturbance
+from pinograsp.simulation.simulate import make_forces
+from pinograsp.simulation.table import Table
+from pinograsp.simulation.task import Task
+from pinograsp.spatial import Array, inverse_of
+from pinograsp.words import lines_of
+
+_STEP = 5e-4  # [s]
+_EVERY = 20  # steps between looks
+_SETTLE = 0.5  # [s] after the motion
+_LOST, _TURNED = 0.01, 10.0  # [m], [deg] from its place in the palm, or from where it is to be put
+_FASTEST = 1e3  # [m/s, rad/s]
+_KNOWN = {
+    "mu",
+    "mass_factor",
+    "stiffness",
+    "object_offset",
+    "object_turn",
+    "joint_friction",
+    "servo_gain",
+    "drive_gain",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PickSimulation:
+    """What came of a pick.
+
+    Attributes:
+        done: whether all of it came about.
+        failed: the first phase that did not: ``carry``, in which the object left its place in the hand; ``leave``: it
+            ended elsewhere; ``touched``: something was hit on the way; "": none.
+        moved, turned: of the object in the palm while it was carried [m], [deg].
+        off, off_angle: at the end from where it was to be put [m], [deg], of round objects that of their axis; None: it
+            was only lifted.
+        nearest: what came nearest to an obstacle, or to another part of the robot, and how near [m].
+        times: of the samples (m,) [s].
+        q: joint positions (m, n).
+        object_poses: of the object's frame (m, 4, 4).
+        elapsed: computing time [s].
+    """
+
+    done: bool
+    failed: str
+    moved: float
+    turned: float
+    off: float | None
+    off_angle: float | None
+    nearest: Nearest
+    times: Array
+    q: Array
+    object_poses: Array
+    elapsed: float
+
+    __repr__ = brief("done", "failed", "moved", "off", "nearest")
+
+    def __str__(self) -> str:
+        where = (
+            ""
+            if self.off is None or self.off_angle is None
+            else f"put down {1e3 * self.off:.2g} mm and {self.off_angle:.2g} deg off"
+        )
+        return lines_of(
+            "done" if self.done else f"not done: {self.failed}",
+            f"moved by {1e3 * self.moved:.2g} mm and {self.turned:.2g} deg in the hand",
+            where,
+            f"nearest: {self.nearest.one} and {self.nearest.other}, {1e3 * self.nearest.spare:.2g} mm",
+        )
+
+
+def simulate_pick(plan: PickPlan, *, disturbance: Disturbance | None = None) -> PickSimulation:
+    """Play a pick with a free object, and judge each phase.
+
+    The object stands on a plane where it is taken and where it is put; contacts of the hand follow the grasp's law with
+    friction (:mod:`pinograsp.simulation.law`); arm and hand have a servo at each joint, with the plan's torques as
+    feed-forward. What else is around is looked at: what the robot, or the object, came nearest to.
+
+    Args:
+        plan: of :func:`~pinograsp.pick.plan_pick`.
+        disturbance: differences from the plan: mu, mass_factor, stiffness, object_offset, object_turn, joint_friction,
+            servo_gain and drive_gain.
+
+    Raises:
+        InvalidInput: no such plan, or another difference.
+        SimulationDiverged: velocities beyond reason.
+    """
+    began = time.perf_counter()
+    plan = instance_of("plan", plan, PickPlan)
+    disturbance = Disturbance() if disturbance is None else instance_of("disturbance", disturbance, Disturbance)
+    usual = Disturbance()
+    for one in fields(Disturbance):
+        if one.name not in _KNOWN and not np.array_equal(getattr(disturbance, one.name), getattr(usual, one.name)):
+            raise InvalidInput(f"disturbance: expected some of {', '.join(sorted(_KNOWN))}, got {one.name}")
+    with without_callbacks():
+        world = _World(plan, disturbance)
+        world.play()
+    return _judge(plan, world, time.perf_counter() - began)
+
+
+class _World:
+    """Robot and object, stepped in time, and what was seen of them."""
+
+    def __init__(self, plan: PickPlan, disturbance: Disturbance):
+        self.plan, robot = plan, plan.robot
+        body = plan.grasp.body
+        assert body is not None
+        self.way = plan.trajectory(rate=1.0 / _STEP)
+        task = _task_of(plan, body)
+        servo = choose_servo(plan.carry).scale_gains(disturbance.servo_gain).scale_gains(disturbance.drive_gain)
+        self.engine = MujocoEngine(
+            task,
+            time_step=_STEP,
+            servo=servo,
+            mass_factor=disturbance.mass_factor,
+            joint_friction=each_of("joint friction", disturbance.joint_friction, robot.n),
+        )
+        self.law = make_forces(task, self.engine.parts, disturbance)
+        self.gain = each_of("drive gain", disturbance.drive_gain, robot.n)
+        stands, pose = plan.body.shape_pose, np.array(plan.body.shape_pose)
+        pose[:3, 3] += disturbance.object_offset
+        pose[:3, :3] = pin.exp3(np.array(disturbance.object_turn)) @ pose[:3, :3]
+        self.start, self.shape = pose, inverse_of(plan.body.pose) @ stands
+        mass = disturbance.mass_factor * body.mass
+        mu = float(plan.grasp.friction.mu.mean()) if disturbance.mu is None else disturbance.mu
+
+        def table_under(at: Array) -> Table:
+            return Table(body, at, plan.grasp.gravity_o, mass, mu, _STEP)
+
+        self.tables = [table_under(stands), None if plan.place is None else table_under(plan.place @ self.shape)]
+        ends = np.cumsum([phase.duration for phase in plan.phases])
+        self.change = float(ends[1] + plan.phases[2].duration / 2.0)
+        self.times, self.q, self.poses = list[float](), list[Array](), list[Array]()
+
+    def play(self) -> None:
+        """Send the plan's commands, and look at what comes."""
+        engine, way = self.engine, self.way
+        engine.place(way.q[0], way.dq[0], self.start)
+        steps = len(way.times) + round(_SETTLE / _STEP)
+        for i in range(steps):
+            row = min(i, len(way.times) - 1)
+            touches = self.law.drop_shallower(engine.touches())
+            pose, twist = engine.object_pose, engine.object_twist
+            pressing = self.law.press(touches, _STEP, pose)
+            table = self.tables[int(i * _STEP > self.change)]
+            wrench = np.zeros(6) if table is None else table.wrench(pose, twist)
+            if i % _EVERY == 0 or i == steps - 1:
+                self.times.append(i * _STEP)
+                self.q.append(engine.q)
+                self.poses.append(pose @ inverse_of(self.shape))
+            if not np.abs(engine.dq).max() < _FASTEST or not np.isfinite(twist).all():
+                raise SimulationDiverged(i * _STEP, _STEP)
+            engine.step(way.q[row], way.dq[row], self.gain * way.effort[row], touches, pressing, wrench)
+
+
+def _task_of(plan: PickPlan, body: Body) -> Task:
+    """What the engine and the law of contacts ask for."""
+    grasp, robot, way = plan.grasp, plan.robot, plan.phases[0]
+    forces = grasp.forces
+    return Task(
+        hand=robot,
+        body=body,
+        times=way.times,
+        q=way.q,
+        dq=way.dq,
+        torques=way.torques,
+        holding_torques=way.torques[-1],
+        torque_limit=np.where(robot.effort > 0, robot.effort, np.inf),
+        impact_time=forces.impact_time,
+        final_time=forces.final_time,
+        names=grasp.contacts.names,
+        links=grasp.contacts.links,
+        points_o=grasp.contacts.points_o,
+        forces_o=grasp.motion.forces_o[-1],
+        normal_forces=forces.normal_forces,
+        settled_forces=forces.normal_forces,
+        depths=law_of(grasp.law).depth(forces.normal_forces),
+        mu=grasp.friction.mu,
+        torsion=grasp.friction.torsion,
+        law=grasp.law,
+        load=np.zeros(6),
+        gravity_o=grasp.gravity_o,
+        carrier=robot.palm,
+    )
+
+
+def _find_nearest(plan: PickPlan, world: _World, spans: dict[str, tuple[float, float]]) -> Nearest:
+    """What came nearest of all that is not to touch."""
+    least = Nearest(math.inf, "", "")
+    times, poses = np.array(world.times), np.array(world.poses)
+    for name, (first, last) in spans.items():
+        seen = np.flatnonzero((times >= first) & (times <= last))
+        if not len(seen):
+            continue
+        body = plan.body.placed(poses[seen[0]])
+        arm = Arm(plan.robot, world.q[seen[0]], plan.scene, body, "held" if name == "carry" else "free")
+        found = [arm.find_apart(world.q[i][arm.dofs]) for i in seen]
+        least = min(least, *found, key=lambda one: one.spare)
+    return least
+
+
+def _judge(plan: PickPlan, world: _World, elapsed: float) -> PickSimulation:
+    times, poses, q = np.array(world.times), np.array(world.poses), np.array(world.q)
+    bounds = np.cumsum([0.0, *(phase.duration for phase in plan.phases)])
+    spans = dict(zip((phase.name for phase in plan.phases), pairwise(bounds)))
+    palms = plan.robot.frame_placements(q, [plan.robot.palm])[:, 0]
+    held = np.flatnonzero((times >= spans["carry"][0]) & (times <= spans["carry"][1]))
+    within = np.array([inverse_of(palms[i]) @ poses[i] for i in held])
+    moved, turned = (np.array(one) for one in zip(*(_apart(within[0], one) for one in within)))
+    off = off_angle = None
+    failed = "carry" if moved.max() > _LOST or turned.max() > _TURNED else ""
+    if plan.place is not None:
+        off, off_angle = _apart(plan.place, poses[-1])
+        if isinstance(plan.body, Sphere | Cylinder | Capsule):  # nobody sees it turn about its axis
+            off_angle = 0.0 if isinstance(plan.body, Sphere) else _tilt(plan, poses[-1])
+        if not failed and (off > _LOST or off_angle > _TURNED):
+            failed = "leave"
+    elif not failed and (off_end := _apart(within[0], inverse_of(palms[-1]) @ poses[-1]))[0] > _LOST:
+        failed, moved = "carry", np.append(moved, off_end[0])
+    nearest = _find_nearest(plan, world, spans)
+    if not failed and nearest.spare < 0:
+        failed = "touched"
+    return PickSimulation(
+        done=not failed,
+        failed=failed,
+        moved=float(moved.max()),
+        turned=float(turned.max()),
+        off=off,
+        off_angle=off_angle,
+        nearest=nearest,
+        times=times,
+        q=q,
+        object_poses=poses,
+        elapsed=elapsed,
+    )
+
+
+def _tilt(plan: PickPlan, pose: Array) -> float:
+    """Angle [deg] of a round object's axis from where it was to be put."""
+    assert plan.place is not None
+    axis = (inverse_of(plan.body.pose) @ plan.body.shape_pose)[:3, 2]
+    cosine = float((plan.place[:3, :3] @ axis) @ (pose[:3, :3] @ axis))
+    return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+
+
+def _apart(one: Array, other: Array) -> tuple[float, float]:
+    """Distance [m] and angle [deg] between two poses (4, 4)."""
+    cosine = 0.5 * (float(np.trace(one[:3, :3].T @ other[:3, :3])) - 1.0)
+    return float(np.linalg.norm(one[:3, 3] - other[:3, 3])), math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
