@@ -39,6 +39,7 @@ ACCELERATION = 10.0  # [rad/s^2 or m/s^2]
 RESERVE = 0.3  # [-] of friction, torques, speeds and accelerations on the way
 _COUNTS = (16, 64)  # samples of the searches, one after the other, until a grasp goes
 _ENOUGH = 4  # grasps that are reached, after which no more are looked at
+_INTERVALS = 250  # of the way with the object
 _LESS = 1 / 3  # of the reserve and of the accelerations, where a grasp leaves no more
 _OVER = (0.08, 0.16, 0.24)  # [m] straight up, for ways over what is between
 _LONG = 1.6  # times the straight way in the joints: others are looked for
@@ -147,7 +148,8 @@ def plan_pick(
                 reacher.reasons[made] += 1
                 continue
             made = replace(made, tried=tried)
-            if made.status is Status.OK:
+            # Where the best grasp is doubtful all are; where the way with it is, another one may do.
+            if made.status is Status.OK or plan.status is not Status.OK:
                 return replace(made, elapsed=elapsed)
             doubtful = doubtful or made
         if doubtful is not None:
@@ -291,6 +293,7 @@ class _Maker:
                     self.plan,
                     path,
                     squeeze=squeeze,
+                    intervals=_INTERVALS,
                     reserve=share * self.reserve,
                     acceleration=share * np.asarray(self.acceleration),
                     speed=self.speed,

@@ -18,7 +18,8 @@ _LOCK = threading.Lock()  # OMPL's random numbers are those of the whole process
 
 
 def find_way(arm: Arm, start: Array, goal: Array, *, seed: int, patience: float) -> Array | None:
-    """Postures (w, a) from ``start`` to ``goal`` (a,), straight from one to the next, all free; None: none was found.
+    """Postures (w, a) from ``start`` to ``goal`` (a,), straight from one to the next, free as far as a quick look sees
+    (:meth:`Arm.seems_free`); None: none was found.
 
     The shortest of several of RRT-Connect (Kuffner and LaValle 2000) in the arm's joints, each shortened.
 
@@ -47,7 +48,7 @@ def find_way(arm: Arm, start: Array, goal: Array, *, seed: int, patience: float)
             bounds.setHigh(i, float(high[i]))
         space.setBounds(bounds)
         information = base.SpaceInformation(space)
-        information.setStateValidityChecker(lambda state: arm.is_free(np.array([state[i] for i in range(a)])))
+        information.setStateValidityChecker(lambda state: arm.seems_free(np.array([state[i] for i in range(a)])))
         information.setStateValidityCheckingResolution(_STEP / space.getMaximumExtent())
         information.setup()
         found = list[Array]()
