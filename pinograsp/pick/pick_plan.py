@@ -1,150 +1,29 @@
-"""A plan that takes an object from where it stands to where it is to go."""
+"""A plan that takes an object from where it stands to where it is to go, with its ways out: pages and pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+from pinograsp.pick.record import PickRecord
+from pinograsp.viz.shown import Shown
 
-from pinograsp.carry import CarryPlan
-from pinograsp.checks import brief, items_of, number, one_of
-from pinograsp.errors import InvalidInput, Status
-from pinograsp.handover import JointTrajectory
-from pinograsp.hands import HandModel
-from pinograsp.motion.torques import inverse_dynamics
-from pinograsp.objects import Scene
-from pinograsp.objects.body import Body
-from pinograsp.planner import GraspPlan
-from pinograsp.spatial import Array
-from pinograsp.words import lines_of
-
-_MOST = 1_000_000  # samples of a trajectory
+if TYPE_CHECKING:
+    from pinograsp.viz.scene import ViewScene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PickPhase:
-    """A part of the motion, from rest to rest; n joints of arm and hand.
+class PickPlan(PickRecord, Shown):
+    """Arm and hand from their start to the object, with it to its place, and back from it: see :class:`PickRecord`."""
 
-    Attributes:
-        name: ``reach``, ``close``, ``carry`` (lift, way and putting down), ``open`` or ``leave``.
-        times: (m,) [s], from 0.
-        q, dq: (m, n) [rad, rad/s; m where joints slide].
-        torques: feed-forward (m, n) [N m or N], with the object's weight where the hand has it.
-    """
+    __repr__ = PickRecord.__repr__
 
-    name: str
-    times: Array
-    q: Array
-    dq: Array
-    torques: Array
+    def _make_scene(self) -> ViewScene:
+        from pinograsp.pick.scene import pick_scene  # brings matplotlib
 
-    __repr__ = brief("name", "duration")
+        return pick_scene(self)
 
-    @property
-    def duration(self) -> float:
-        """[s]."""
-        return float(self.times[-1])
-
-    @classmethod
-    def alone(
-        cls, name: str, robot: HandModel, motion: tuple[Array, Array, Array, Array], gravity_o: Array
-    ) -> PickPhase:
-        """A motion (times, q, dq, ddq) of the robot without the object."""
-        times, q, dq, ddq = motion
-        return cls(name=name, times=times, q=q, dq=dq, torques=inverse_dynamics(robot, q, dq, ddq, gravity_o=gravity_o))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PickPlan:
-    """Arm and hand from their start to the object, with it to its place, and back from it.
-
-    Attributes:
-        robot: arm and hand; its posture is that of the start.
-        body: the object, where it stands.
-        scene: what stands around.
-        place: pose (4, 4) of the object's frame where it is put; None: it is only lifted.
-        grasp: of the hand alone: contacts, forces, what it withstands.
-        carry: the way with the object.
-        phases: one after the other.
-        tried: grasps that the arm was tried with.
-        elapsed: computing time by stage [s].
-    """
-
-    robot: HandModel
-    body: Body
-    scene: Scene
-    place: Array | None
-    grasp: GraspPlan
-    carry: CarryPlan
-    phases: tuple[PickPhase, ...]
-    tried: int = 0
-    elapsed: Mapping[str, float] = field(default_factory=dict)
-
-    __repr__ = brief("status", "robot", "grasp", "phases", "elapsed")
-
-    def __str__(self) -> str:
-        return self.describe()
-
-    @property
-    def status(self) -> Status:
-        """``OK``; that of the grasp, or of the way with the object, where one is less."""
-        return self.grasp.status if self.grasp.status is not Status.OK else self.carry.status
-
-    @property
-    def duration(self) -> float:
-        """Of all phases [s]."""
-        return sum(phase.duration for phase in self.phases)
-
-    def describe(self) -> str:
-        """Phases with their times, and what the hand presses with, as readable text."""
-        squeeze = self.carry.normal_forces.sum(axis=1)
-        lines = [f"{self.robot.name}: {self.status}; {self.duration:.3g} s"]
-        for phase in self.phases:
-            more = f", squeezing with {squeeze.min():.3g} to {squeeze.max():.3g} N" if phase.name == "carry" else ""
-            lines.append(f"{phase.name}: {phase.duration:.3g} s{more}")
-        cautions = (*self.grasp.cautions, *self.carry.cautions)
-        return lines_of(*lines, *(f"caution: {one}" for one in dict.fromkeys(cautions)))
-
-    def trajectory(self, *, rate: float = 1000.0, joints: Sequence[str] | None = None) -> JointTrajectory:
-        """What the joints of arm and hand are sent, all phases; it writes itself as CSV, for ROS 2, ...
-
-        Args:
-            rate: of the samples [Hz].
-            joints: of one controller, as those of the arm alone; None: all.
-
-        Raises:
-            InvalidInput: a rate that is not above 0, or millions of samples; a joint that the robot does not have.
-        """
-        names = self.robot.joint_names if joints is None else items_of("joints", joints, str)
-        which = [self.robot.joint_names.index(one_of("joints", name, self.robot.joint_names)) for name in names]
-        step = 1.0 / number("rate", rate, above=0, unit="Hz")
-        if self.duration > _MOST * step:
-            raise InvalidInput(f"rate: expected fewer than {_MOST} samples in {self.duration:.4g} s, got {rate:g} Hz")
-        times = np.arange(int(np.ceil(self.duration / step - 1e-9)) + 1) * step
-        parts, begin = list[tuple[Array, ...]](), 0.0
-        for i, phase in enumerate(self.phases):
-            last = i == len(self.phases) - 1
-            own = times[(times >= begin) & (last | (times < begin + phase.duration))] - begin
-            own = np.minimum(own, phase.duration)
-            curve = CubicHermiteSpline(phase.times, phase.q, phase.dq)
-            torques = np.column_stack([np.interp(own, phase.times, column) for column in phase.torques.T])
-            parts.append((curve(own), curve(own, 1), curve(own, 2), torques))
-            begin += phase.duration
-        q, dq, ddq, torques = (np.concatenate(part) for part in zip(*parts))
-        dq[-1] = 0.0
-        followers = {name: one for name, one in self.robot.couplings.items() if one.followed in names}
-        return JointTrajectory(
-            names=names,
-            times=times,
-            q=q[:, which],
-            dq=dq[:, which],
-            ddq=ddq[:, which],
-            effort=torques[:, which],
-            joints=tuple(name for name in self.robot.model.names if name in names or name in followers),
-            couplings=followers,
-            begin=0.0,
-            impact_time=0.0,
-            final_time=self.duration,
-        )
+    def _most_telling(self) -> float:
+        """The middle of the way with the object."""
+        before = sum(phase.duration for phase in self.phases[:2])
+        return before + self.phases[2].duration / 2.0

@@ -26,8 +26,9 @@ from pinograsp.objects import Scene
 from pinograsp.objects.body import Body
 from pinograsp.pick.arm import Arm, find_supports
 from pinograsp.pick.inverse_kinematics import PalmSolver
-from pinograsp.pick.pick_plan import PickPhase, PickPlan
+from pinograsp.pick.pick_plan import PickPlan
 from pinograsp.pick.reach import PickTask, Reached, Reacher, line_of
+from pinograsp.pick.record import PickPhase
 from pinograsp.pick.timing import time_path
 from pinograsp.pick.ways import find_way, is_straight, measure_way
 from pinograsp.planner import GraspPlan, plan_best
@@ -37,7 +38,8 @@ from pinograsp.synthesis import GraspSearch, Wishes, find_grasps
 LIFT = 0.1  # [m]
 ACCELERATION = 10.0  # [rad/s^2 or m/s^2]
 RESERVE = 0.3  # [-] of friction, torques, speeds and accelerations on the way
-_COUNTS = (16, 64)  # samples of the searches, one after the other, until a grasp goes
+# Samples of the searches, one after the other, until a grasp goes; the last one where the arm got to some.
+_COUNTS = (16, 64, 160)
 _ENOUGH = 4  # grasps that are reached, after which no more are looked at
 _INTERVALS = 250  # of the way with the object
 _LESS = 1 / 3  # of the reserve and of the accelerations, where a grasp leaves no more
@@ -116,6 +118,8 @@ def plan_pick(
 
     tried, doubtful = 0, None
     for round_, count in enumerate(_COUNTS):
+        if count == _COUNTS[-1] and not reacher.arrived:
+            break
         found = find_grasps(
             task.hand, body, conditions, wishes=wishes, count=count, seed=seed + round_, jobs=jobs, progress=progress
         )

@@ -91,11 +91,13 @@ class Reacher:
 
     Attributes:
         reasons: what kept the arm from grasps, and from how many.
+        arrived: grasps in which there is a posture of the arm that hits nothing.
     """
 
     def __init__(self, task: PickTask, rng: np.random.Generator):
         self.task, self.rng = task, rng
         self.reasons: Counter[str] = Counter()
+        self.arrived = 0
 
     def reach(self, grasp: FoundGrasp) -> Reached | None:
         """The best posture and lines to a grasp; None: there are none, which is counted."""
@@ -116,6 +118,7 @@ class Reacher:
                 free.append(x)
             else:
                 why[_tell(nearest, task)] += 1
+        self.arrived += bool(free)
         for x in sorted(free, key=lambda one: -_room(opened, one))[:_POSTURES]:
             found = self._find_lines(grasp, opened, solver, palm, x)
             if isinstance(found, Reached):

@@ -18,7 +18,7 @@ from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects import Capsule, Cylinder, Sphere
 from pinograsp.objects.body import Body
 from pinograsp.pick.arm import Arm, Nearest
-from pinograsp.pick.pick_plan import PickPlan
+from pinograsp.pick.record import PickRecord
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.settings import Disturbance
 from pinograsp.simulation.simulate import make_forces
@@ -90,7 +90,7 @@ class PickSimulation:
         )
 
 
-def simulate_pick(plan: PickPlan, *, disturbance: Disturbance | None = None) -> PickSimulation:
+def simulate_pick(plan: PickRecord, *, disturbance: Disturbance | None = None) -> PickSimulation:
     """Play a pick with a free object, and judge each phase.
 
     The object stands on a plane where it is taken and where it is put; contacts of the hand follow the grasp's law with
@@ -107,7 +107,7 @@ def simulate_pick(plan: PickPlan, *, disturbance: Disturbance | None = None) -> 
         SimulationDiverged: velocities beyond reason.
     """
     began = time.perf_counter()
-    plan = instance_of("plan", plan, PickPlan)
+    plan = instance_of("plan", plan, PickRecord)
     disturbance = Disturbance() if disturbance is None else instance_of("disturbance", disturbance, Disturbance)
     usual = Disturbance()
     for one in fields(Disturbance):
@@ -122,7 +122,7 @@ def simulate_pick(plan: PickPlan, *, disturbance: Disturbance | None = None) -> 
 class _World:
     """Robot and object, stepped in time, and what was seen of them."""
 
-    def __init__(self, plan: PickPlan, disturbance: Disturbance):
+    def __init__(self, plan: PickRecord, disturbance: Disturbance):
         self.plan, robot = plan, plan.robot
         body = plan.grasp.body
         assert body is not None
@@ -174,7 +174,7 @@ class _World:
             engine.step(way.q[row], way.dq[row], self.gain * way.effort[row], touches, pressing, wrench)
 
 
-def _task_of(plan: PickPlan, body: Body) -> Task:
+def _task_of(plan: PickRecord, body: Body) -> Task:
     """What the engine and the law of contacts ask for."""
     grasp, robot, way = plan.grasp, plan.robot, plan.phases[0]
     forces = grasp.forces
@@ -205,7 +205,7 @@ def _task_of(plan: PickPlan, body: Body) -> Task:
     )
 
 
-def _find_nearest(plan: PickPlan, world: _World, spans: dict[str, tuple[float, float]]) -> Nearest:
+def _find_nearest(plan: PickRecord, world: _World, spans: dict[str, tuple[float, float]]) -> Nearest:
     """What came nearest of all that is not to touch."""
     least = Nearest(math.inf, "", "")
     times, poses = np.array(world.times), np.array(world.poses)
@@ -220,7 +220,7 @@ def _find_nearest(plan: PickPlan, world: _World, spans: dict[str, tuple[float, f
     return least
 
 
-def _judge(plan: PickPlan, world: _World, elapsed: float) -> PickSimulation:
+def _judge(plan: PickRecord, world: _World, elapsed: float) -> PickSimulation:
     times, poses, q = np.array(world.times), np.array(world.poses), np.array(world.q)
     bounds = np.cumsum([0.0, *(phase.duration for phase in plan.phases)])
     spans = dict(zip((phase.name for phase in plan.phases), pairwise(bounds)))
@@ -256,7 +256,7 @@ def _judge(plan: PickPlan, world: _World, elapsed: float) -> PickSimulation:
     )
 
 
-def _tilt(plan: PickPlan, pose: Array) -> float:
+def _tilt(plan: PickRecord, pose: Array) -> float:
     """Angle [deg] of a round object's axis from where it was to be put."""
     assert plan.place is not None
     axis = (inverse_of(plan.body.pose) @ plan.body.shape_pose)[:3, 2]

@@ -12,8 +12,10 @@ from pinograsp.errors import InvalidInput, PickFailed
 from pinograsp.handover import read_ros2
 from pinograsp.hands.catalogue import file_of
 from pinograsp.pick import simulate_pick
+from pinograsp.pick.scene import pick_scene
 from pinograsp.simulation import Disturbance
 from pinograsp.spatial import inverse_of, pose_of
+from pinograsp.viz.solids import to_sevens
 
 HOME = {"panda_joint2": -0.5, "panda_joint4": -2.0, "panda_joint6": 1.6, "panda_joint7": 0.8}
 CONDITIONS = pg.GraspConditions(mu=0.6)
@@ -147,6 +149,22 @@ def test_the_trajectory_goes_to_controllers(plan, tmp_path):
         plan.trajectory(joints=["wrist"])
     with pytest.raises(InvalidInput, match="rate"):
         plan.trajectory(rate=0.0)
+
+
+def test_pages_and_pictures_show_all_phases_and_what_is_around(plan, tmp_path):
+    scene = pick_scene(plan)
+    assert [phase.name for phase in scene.phases] == [phase.name for phase in plan.phases]
+    assert {"wall", "table"} <= {solid.name for solid in scene.solids}
+    pose = plan.grasp.body.pose
+    np.testing.assert_allclose(scene.carried[0], to_sevens(np.eye(4)), atol=1e-6)
+    there = plan.place @ inverse_of(pose)
+    np.testing.assert_allclose(scene.carried[-1][:3], there[:3, 3], atol=1e-3)
+    # Nothing presses before the hand closes and after it has opened; what presses bears the weight on the way.
+    assert not scene.forces_o[0].any() and not scene.forces_o[-1].any()
+    middle = int(np.argmax(scene.normal.sum(axis=1)))
+    assert scene.normal[middle].sum() == pytest.approx(plan.carry.normal_forces.max(axis=0).sum(), rel=0.05)
+    assert b"wall" in plan.save_html(tmp_path / "pick.html").read_bytes()
+    assert plan.picture(tmp_path / "pick.png").stat().st_size > 10_000
 
 
 def test_lifting_alone(scene):
