@@ -15,6 +15,7 @@ from pinograsp.cli.export import export
 from pinograsp.cli.hands import CommandWithSheet, hands
 from pinograsp.cli.identify import identify
 from pinograsp.cli.new import new
+from pinograsp.cli.pick import pick
 from pinograsp.cli.plan import CommandWithObjects, plan
 from pinograsp.cli.report import report
 from pinograsp.cli.session import Quiet, Verbose, as_command
@@ -22,13 +23,13 @@ from pinograsp.cli.sweep import sweep
 from pinograsp.cli.view import view
 
 _PANELS = {
-    "Plan": (hands, new, plan, close, check, carry),
+    "Plan": (hands, new, plan, close, check, carry, pick),
     "Use a plan": (export, report, view),
     "A real hand": (identify,),
     "Many at once": (certify, sweep),
     "This machine": (bench,),
 }
-_KINDS = {plan: CommandWithObjects, close: CommandWithObjects, hands: CommandWithSheet}
+_KINDS = {plan: CommandWithObjects, close: CommandWithObjects, pick: CommandWithObjects, hands: CommandWithSheet}
 
 
 def _print_version(show: bool) -> None:

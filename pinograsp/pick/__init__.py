@@ -1,8 +1,9 @@
 """Picking: from an object on a table to a carried object, with the arm that one has."""
 
+from pinograsp.pick.folder import save_pick
 from pinograsp.pick.pick_plan import PickPlan
 from pinograsp.pick.plan import plan_pick
 from pinograsp.pick.record import PickPhase
 from pinograsp.pick.simulation import PickSimulation, simulate_pick
 
-__all__ = ["PickPhase", "PickPlan", "PickSimulation", "plan_pick", "simulate_pick"]
+__all__ = ["PickPhase", "PickPlan", "PickSimulation", "plan_pick", "save_pick", "simulate_pick"]

@@ -85,7 +85,8 @@ def plan_pick(
         wishes: how it is to be held.
         place: pose (4, 4) of the object's frame where it is to be put, or where it is to be with the turn that it
             has (3,) [m]; None: it is lifted, and that is all.
-        start: the arm's positions, ``{joint: position}`` [rad or m]; others as in its ``posture``.
+        start: the arm's positions, ``{joint: position}`` [rad or m]; others as in its ``posture``. Without both, where
+            joints at 0 hit something, the middle of the joints' ranges.
         lift: how far the object goes straight up, and comes straight down [m].
         acceleration: largest |acceleration| of the arm's joints, one number or (n,) [rad/s^2 or m/s^2].
         speed: largest |speed| likewise [rad/s or m/s]; None: the robot's own.
@@ -205,6 +206,12 @@ def _read_task(
         up_o=-gravity / size,
     )
     arm = task.arm(task.hand.resting, "free", body, task.start)
+    if not robot.posture and not arm.is_free(task.start):
+        middle = (robot.lower + robot.upper)[robot.arm] / 2.0
+        if arm.is_free(middle):
+            names = [robot.joint_names[i] for i in robot.arm]
+            robot = robot.with_posture(dict(zip(names, middle.tolist())))
+            return replace(task, robot=robot, hand=detach(robot), start=middle)
     if not arm.is_free(task.start):
         nearest = arm.find_nearest(task.start)
         raise InvalidInput(

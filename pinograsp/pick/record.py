@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -104,8 +105,27 @@ class PickRecord:
         for phase in self.phases:
             more = f", squeezing with {squeeze.min():.3g} to {squeeze.max():.3g} N" if phase.name == "carry" else ""
             lines.append(f"{phase.name}: {phase.duration:.3g} s{more}")
-        cautions = (*self.grasp.cautions, *self.carry.cautions)
-        return lines_of(*lines, *(f"caution: {one}" for one in dict.fromkeys(cautions)))
+        return lines_of(*lines, *(f"caution: {one}" for one in self.cautions))
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """Of the grasp and of the way with the object, each once."""
+        return tuple(dict.fromkeys((*self.grasp.cautions, *self.carry.cautions)))
+
+    def summary(self) -> dict[str, Any]:
+        """The plan's figures as plain JSON values, units in the names."""
+        squeeze = self.carry.normal_forces.sum(axis=1)
+        return {
+            "robot": self.robot.name,
+            "status": self.status.value,
+            "duration_s": self.duration,
+            "phases_s": {phase.name: phase.duration for phase in self.phases},
+            "squeeze_N": [float(squeeze.min()), float(squeeze.max())],
+            "contacts": list(self.grasp.contacts.names),
+            "tried": self.tried,
+            "elapsed_s": dict(self.elapsed),
+            "cautions": list(self.cautions),
+        }
 
     def trajectory(self, *, rate: float = 1000.0, joints: Sequence[str] | None = None) -> JointTrajectory:
         """What the joints of arm and hand are sent, all phases; it writes itself as CSV, for ROS 2, ...

@@ -6,6 +6,7 @@ import math
 import time
 from dataclasses import dataclass, fields
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -88,6 +89,18 @@ class PickSimulation:
             where,
             f"nearest: {self.nearest.one} and {self.nearest.other}, {1e3 * self.nearest.spare:.2g} mm",
         )
+
+    def summary(self) -> dict[str, Any]:
+        """As plain JSON values, units in the names."""
+        return {
+            "done": self.done,
+            "failed": self.failed,
+            "moved_m": self.moved,
+            "turned_deg": self.turned,
+            "off_m": self.off,
+            "off_deg": self.off_angle,
+            "nearest": {"one": self.nearest.one, "other": self.nearest.other, "distance_m": self.nearest.spare},
+        }
 
 
 def simulate_pick(plan: PickRecord, *, disturbance: Disturbance | None = None) -> PickSimulation:

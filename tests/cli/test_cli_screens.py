@@ -261,7 +261,7 @@ def test_version(command):
 def examples() -> list[tuple[str, str]]:
     """Command and example, in the order in which they need each other."""
     order = ["plan", "new", "close", "check", "report", "view", "export", "carry", "sweep", "hands", "bench", "certify"]
-    order += ["identify"]
+    order += ["identify", "pick"]
     assert sorted(order) == COMMANDS
     found = []
     for name in order:
