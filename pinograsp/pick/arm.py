@@ -44,14 +44,15 @@ class Arm:
         scene: what stands around.
         body: the object, in the world; held: at q.
         kind: whether the object stays or moves with the palm.
+        supports: names of obstacles that the object stands on, here or where it is put.
 
     Attributes:
         model: of the arm's joints alone, in their order in the robot's.
         dofs: these, among the robot's (a,).
     """
 
-    def __init__(self, robot: HandModel, q: Array, scene: Scene, body: Body, kind: Object):
-        self.robot, self.scene, self.body, self.kind = robot, scene, body, kind
+    def __init__(self, robot: HandModel, q: Array, scene: Scene, body: Body, kind: Object, supports: set[str]):
+        self.robot, self.scene, self.body, self.kind, self.supports = robot, scene, body, kind, supports
         self.dofs = robot.arm
         if not len(self.dofs):
             raise InvalidInput(f"robot '{robot.name}': expected an arm that carries the palm, got a hand alone")
@@ -103,7 +104,6 @@ class Arm:
         """What each pair keeps [m]; lists the pairs."""
         own, joints = self.robot.geometry.ngeoms, [int(one.parentJoint) for one in self.geometry.geometryObjects]
         hand = [joint == self.palm_joint for joint in joints]
-        supports = find_supports(self.scene, self.body)
         hollow = isinstance(self.body, Mesh) and not self.body.convex
         pairs = [(int(a), int(b)) for a, b in list_pairs(self.robot).tolist() if joints[a] != joints[b]]
         margins = [_SELF] * len(pairs)
@@ -112,8 +112,8 @@ class Arm:
                 held = self.names[b] == OBJECT and self.kind == "held"
                 if joints[a] == joints[b] or (a >= own and not held):
                     continue  # neither moves
-                touches = near and hand[a] and not held and (self.names[b] == OBJECT or self.names[b] in supports)
-                stands = near and held and self.names[a] in supports
+                touches = near and hand[a] and not held and (self.names[b] == OBJECT or self.names[b] in self.supports)
+                stands = near and held and self.names[a] in self.supports
                 pairs.append((a, b))
                 # A hand may reach into what is hollow, as into a mug, whose hull stands for it here.
                 meets = -_MEETS if stands else -np.inf if hollow and self.names[b] == OBJECT else -_TOUCHES

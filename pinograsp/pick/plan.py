@@ -39,7 +39,7 @@ LIFT = 0.1  # [m]
 ACCELERATION = 10.0  # [rad/s^2 or m/s^2]
 RESERVE = 0.3  # [-] of friction, torques, speeds and accelerations on the way
 # Samples of the searches, one after the other, until a grasp goes; the last one where the arm got to some.
-_COUNTS = (16, 64, 160)
+_COUNTS = (16, 48, 96)
 _ENOUGH = 4  # grasps that are reached, after which no more are looked at
 _INTERVALS = 250  # of the way with the object
 _LESS = 1 / 3  # of the reserve and of the accelerations, where a grasp leaves no more
@@ -204,6 +204,7 @@ def _read_task(
         start=np.array(robot.resting)[robot.arm],
         lift=number("lift", lift, above=0, at_most=2, unit="m"),
         up_o=-gravity / size,
+        supports=find_supports(scene, body) | (set() if where is None else find_supports(scene, body.placed(where))),
     )
     arm = task.arm(task.hand.resting, "free", body, task.start)
     if not robot.posture and not arm.is_free(task.start):
@@ -277,12 +278,14 @@ class _Maker:
         stop("timing")
         if isinstance(carried, str):
             return carried
-        phases = [self._move("reach", coming, opened)]
-        phases += self._hold(carried)
+        ways = [("reach", coming)]
         if reached.leave is not None:
-            leaving = ArmPath.through(dict(zip(self.joints, reached.leave.T)))
-            phases.append(self._move("leave", leaving, opened))
+            ways.append(("leave", ArmPath.through(dict(zip(self.joints, reached.leave.T)))))
+        moves = [one for name, way in ways if (one := self._move(name, way, opened)) is not None]
         stop("timing")
+        if len(moves) < len(ways):
+            return "no timing that the arm's torques allow"
+        phases = [moves[0], *self._hold(carried), *moves[1:]]
         return PickPlan(
             robot=task.robot,
             body=task.body,
@@ -364,12 +367,12 @@ class _Maker:
         near = (ends[0] & (s <= bounds[1])) | (ends[1] & (s >= bounds[-2]))
         return all(arm.is_free(one, near=bool(close)) for one, close in zip(x, near))
 
-    def _move(self, name: str, path: ArmPath, fingers: Array) -> PickPhase:
-        """A phase in which the arm moves, and the fingers (n_h,) stay."""
+    def _move(self, name: str, path: ArmPath, fingers: Array) -> PickPhase | None:
+        """A phase in which the arm moves, and the fingers (n_h,) stay; None: its torques do not allow any."""
         task, q = self.task, np.array(self.task.robot.resting)
         q[self._fingers] = fingers
         timed = time_path(task.robot, path, q, self.limits, self.plan.gravity_o, RAMP)
-        return PickPhase.alone(name, task.robot, timed, self.plan.gravity_o)
+        return None if timed is None else PickPhase.alone(name, task.robot, timed, self.plan.gravity_o)
 
     @property
     def _fingers(self) -> list[int]:

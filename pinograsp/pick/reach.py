@@ -60,6 +60,7 @@ class PickTask:
         start: the arm's positions (a,).
         lift: how far straight up [m].
         up_o: unit direction (3,).
+        supports: names of the obstacles that the object stands on, and that it is put on.
     """
 
     robot: HandModel
@@ -70,6 +71,7 @@ class PickTask:
     start: Array
     lift: float
     up_o: Array
+    supports: set[str]
 
     __repr__ = brief("robot", "place")
 
@@ -78,7 +80,7 @@ class PickTask:
         q = np.array(self.robot.resting)
         q[self.robot.arm] = x
         q[[self.robot.joint_names.index(joint) for joint in self.hand.joint_names]] = fingers
-        return Arm(self.robot, q, self.scene, body, kind)
+        return Arm(self.robot, q, self.scene, body, kind, self.supports)
 
     def moved(self, body: Body) -> Array:
         """From where the object is to where it is put (4, 4)."""

@@ -18,7 +18,7 @@ from pinograsp.errors import InvalidInput, SimulationDiverged
 from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects import Capsule, Cylinder, Sphere
 from pinograsp.objects.body import Body
-from pinograsp.pick.arm import Arm, Nearest
+from pinograsp.pick.arm import Arm, Nearest, find_supports
 from pinograsp.pick.record import PickRecord
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.settings import Disturbance
@@ -222,12 +222,15 @@ def _find_nearest(plan: PickRecord, world: _World, spans: dict[str, tuple[float,
     """What came nearest of all that is not to touch."""
     least = Nearest(math.inf, "", "")
     times, poses = np.array(world.times), np.array(world.poses)
+    supports = find_supports(plan.scene, plan.body)
+    if plan.place is not None:
+        supports |= find_supports(plan.scene, plan.body.placed(plan.place))
     for name, (first, last) in spans.items():
         seen = np.flatnonzero((times >= first) & (times <= last))
         if not len(seen):
             continue
         body = plan.body.placed(poses[seen[0]])
-        arm = Arm(plan.robot, world.q[seen[0]], plan.scene, body, "held" if name == "carry" else "free")
+        arm = Arm(plan.robot, world.q[seen[0]], plan.scene, body, "held" if name == "carry" else "free", supports)
         found = [arm.find_apart(world.q[i][arm.dofs]) for i in seen]
         least = min(least, *found, key=lambda one: one.spare)
     return least

@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 
 from pinograsp.carry import ArmPath
 from pinograsp.carry.constraints import ArmLimits
-from pinograsp.errors import ExtraMissing, InvalidInput
+from pinograsp.errors import ExtraMissing
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array
 
@@ -30,9 +30,11 @@ class Timed(NamedTuple):
     ddq: Array
 
 
-def time_path(robot: HandModel, path: ArmPath, q: Array, limits: ArmLimits, gravity_o: Array, ramp: float) -> Timed:
+def time_path(
+    robot: HandModel, path: ArmPath, q: Array, limits: ArmLimits, gravity_o: Array, ramp: float
+) -> Timed | None:
     """The fastest motion along a path within limits of torques, speeds and accelerations (Pham and Pham 2018), and its
-    moving average over ``ramp`` [s], so that accelerations do not jump.
+    moving average over ``ramp`` [s], so that accelerations do not jump; None: the torques do not even hold the arm.
 
     Args:
         robot: arm and hand.
@@ -44,7 +46,6 @@ def time_path(robot: HandModel, path: ArmPath, q: Array, limits: ArmLimits, grav
 
     Raises:
         ExtraMissing: TOPP-RA is not installed.
-        InvalidInput: a path along which the arm cannot hold its own weight.
     """
     try:
         import toppra
@@ -77,10 +78,7 @@ def time_path(robot: HandModel, path: ArmPath, q: Array, limits: ArmLimits, grav
     )
     timed = solver.compute_trajectory(0.0, 0.0)
     if timed is None:
-        raise InvalidInput(
-            "way of the arm: expected torque limits that hold the arm all along, got some that do not: check the "
-            "robot's effort limits (torque_limit=)"
-        )
+        return None
     return _average(robot, which, q, timed, ramp)
 
 

@@ -167,6 +167,13 @@ def test_pages_and_pictures_show_all_phases_and_what_is_around(plan, tmp_path):
     assert plan.picture(tmp_path / "pick.png").stat().st_size > 10_000
 
 
+def test_it_is_put_on_what_is_higher(scene):
+    higher = scene.with_box("crate", (0.15, 0.15, 0.1), at=(0.5, -0.25, 0.05))
+    plan = pg.plan_pick(panda(), a_can(), higher, CONDITIONS, place=(0.5, -0.25, 0.16), seed=5, progress=False)
+    seen = simulate_pick(plan)
+    assert seen.done and seen.object_poses[-1, 2, 3] == pytest.approx(0.16, abs=0.003)
+
+
 def test_lifting_alone(scene):
     plan = pg.plan_pick(panda(), a_can(), scene, CONDITIONS, seed=5, progress=False)
     assert [phase.name for phase in plan.phases] == ["reach", "close", "carry"]
