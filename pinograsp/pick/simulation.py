@@ -245,7 +245,8 @@ def _judge(plan: PickRecord, world: _World, elapsed: float) -> PickSimulation:
     within = np.array([inverse_of(palms[i]) @ poses[i] for i in held])
     moved, turned = (np.array(one) for one in zip(*(_apart(within[0], one) for one in within)))
     off = off_angle = None
-    failed = "carry" if moved.max() > _LOST or turned.max() > _TURNED else ""
+    rolls = isinstance(plan.body, Sphere)  # nobody sees it
+    failed = "carry" if moved.max() > _LOST or (turned.max() > _TURNED and not rolls) else ""
     if plan.place is not None:
         off, off_angle = _apart(plan.place, poses[-1])
         if isinstance(plan.body, Sphere | Cylinder | Capsule):  # nobody sees it turn about its axis
