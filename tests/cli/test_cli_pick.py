@@ -13,22 +13,23 @@ BALL = "sphere:radius=0.03,mass=0.1"
 PICK = ("pick", "panda", BALL, "--at", "0.5,0.2", "--to", "0.5,-0.2")
 
 
-def test_a_pick_is_planned_simulated_and_written(command, tmp_path):
+def test_a_pick_is_planned_and_written(command, tmp_path):
     folder = tmp_path / "pick"
     wall = ("--box", "wall=0.02,0.2,0.15,0.5,0,0.075")
-    code, out, err = command(*PICK, *wall, "--check", "--json", "--out", str(folder))
+    code, out, err = command(*PICK, *wall, "--json", "--out", str(folder))
     told = json.loads(out)
-    assert code == 0 and err == "" and told["done"] and told["status"] == "ok"
+    assert code == 0 and err == "" and told["status"] == "ok"
     assert list(told["phases_s"]) == ["reach", "close", "carry", "open", "leave"]
     with (folder / "trajectory.csv").open(newline="") as stream:
         rows = list(csv.reader(stream))
     assert len(rows) > 400 * told["duration_s"]
     assert {"view.html", "pick.png", "trajectory.json", "trajectory.xml"} <= {one.name for one in folder.iterdir()}
-    assert json.loads((folder / "pick.json").read_text())["simulation"]["done"]
+    assert json.loads((folder / "pick.json").read_text())["simulation"] is None
     code, _, err = command(*PICK, "--out", str(folder))
     assert code == 2 and "already" in err
 
 
+@pytest.mark.slow
 def test_a_hand_on_another_arm(command, tmp_path):
     arm = file_of("panda").parents[2] / "ur_description/urdf/ur5_robot.urdf"
     posture = (
@@ -40,8 +41,10 @@ def test_a_hand_on_another_arm(command, tmp_path):
         "wrist_1_joint=-1.6",
     )
     mount = ("--hand", "panda", "--link", "tool0", "--posture", "wrist_2_joint=-1.57", *posture)
-    code, out, _ = command("pick", str(arm), BALL, "--at", "0.4,0.3", *mount, "--out", str(tmp_path / "lift"))
-    assert code == 0 and "Does it go?" in out and "leave" not in out
+    code, out, _ = command(
+        "pick", str(arm), BALL, "--at", "0.4,0.3", *mount, "--check", "--out", str(tmp_path / "lift")
+    )
+    assert code == 0 and "done" in out and "Does it go?" in out and "leave" not in out
 
 
 @pytest.mark.parametrize(
@@ -51,7 +54,7 @@ def test_a_hand_on_another_arm(command, tmp_path):
         (("--hand", "panda"), "--link"),
         (("--box", "wall=1,2,3"), "--box"),
         (("--to", "1"), "--to"),
-        (("--at", "2.5,0"), "out of reach"),
+        pytest.param(("--at", "2.5,0"), "out of reach", marks=pytest.mark.slow),
     ],
 )
 def test_what_cannot_be_picked_is_told(command, tmp_path, options, told):

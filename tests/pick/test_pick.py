@@ -125,10 +125,17 @@ def test_it_comes_about_in_the_simulation(plan):
     assert seen.off < 0.01 and seen.off_angle < 10.0
     # Its top is where the way has it.
     assert seen.object_poses[:, 2, 3].max() > plan.body.pose[2, 3] + 0.08
+
+
+@pytest.mark.slow
+def test_what_slips_is_told(plan):
     slippery = simulate_pick(plan, disturbance=Disturbance(mu=0.05))
     assert not slippery.done and slippery.failed == "carry"
+    with pytest.raises(InvalidInput, match="shake"):
+        simulate_pick(plan, disturbance=Disturbance(shake=(1.0, 0.0, 0.0)))
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_plan(plan, scene):
     again = pg.plan_pick(panda(), a_can(), scene, CONDITIONS, place=(0.5, -0.25, 0.06), seed=5, jobs=1, progress=False)
     np.testing.assert_allclose(again.phases[0].q, plan.phases[0].q, atol=1e-9)
@@ -167,6 +174,7 @@ def test_pages_and_pictures_show_all_phases_and_what_is_around(plan, tmp_path):
     assert plan.picture(tmp_path / "pick.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_it_is_put_on_what_is_higher(scene):
     higher = scene.with_box("crate", (0.15, 0.15, 0.1), at=(0.5, -0.25, 0.05))
     plan = pg.plan_pick(panda(), a_can(), higher, CONDITIONS, place=(0.5, -0.25, 0.16), seed=5, progress=False)
@@ -174,6 +182,7 @@ def test_it_is_put_on_what_is_higher(scene):
     assert seen.done and seen.object_poses[-1, 2, 3] == pytest.approx(0.16, abs=0.003)
 
 
+@pytest.mark.slow
 def test_lifting_alone(scene):
     plan = pg.plan_pick(panda(), a_can(), scene, CONDITIONS, seed=5, progress=False)
     assert [phase.name for phase in plan.phases] == ["reach", "close", "carry"]
@@ -189,6 +198,7 @@ def test_what_is_out_of_reach_is_told(scene):
     assert told.value.reasons["out of reach"] > 5
 
 
+@pytest.mark.slow
 def test_what_is_in_the_way_is_told():
     """A can under a low shelf: no hand comes to it."""
     scene = pg.Scene.on_table().with_box("shelf", (0.6, 0.6, 0.02), at=(0.5, 0.25, 0.16))

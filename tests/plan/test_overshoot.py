@@ -36,6 +36,7 @@ def grasps():
     )
 
 
+@pytest.mark.slow
 def test_drives_that_may_be_off_touch_gently_under_a_cap(grasps):
     free = pg.plan_best(grasps, replace(CONDITIONS, reserve=pg.Reserve(drive=0.3)))
     cap = 1.4 * float(free.forces.normal_forces.max())
