@@ -135,12 +135,6 @@ class Arm:
         pose: Array = self.data.oMf[self.palm_frame].homogeneous.copy()
         return pose
 
-    def whole(self, x: Array) -> Array:
-        """The robot's positions (n,) or (m, n) at the arm's x (a,) or (m, a)."""
-        q: Array = np.broadcast_to(self.resting, (*x.shape[:-1], len(self.resting))).copy()
-        q[..., self.dofs] = x
-        return q
-
     def is_free(self, x: Array, *, near: bool = False) -> bool:
         """Whether all keep their distances at x (a,); ``near``: where a hand takes or puts down."""
         return not pin.computeCollisions(self.model, self.data, self.geometry, self.near if near else self.far, x, True)

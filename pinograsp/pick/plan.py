@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,7 +46,6 @@ _INTERVALS = 250  # of the way with the object
 _LESS = 1 / 3  # of the reserve and of the accelerations, where a grasp leaves no more
 _OVER = (0.08, 0.16, 0.24)  # [m] straight up, for ways over what is between
 _LONG = 1.6  # times the straight way in the joints: others are looked for
-_PATIENCE = 3.0  # [s] of a way around obstacles
 _FINE = 0.1  # [rad or m] between waypoints of a way, halved until its spline is free
 _HALVINGS = 4
 # [s] in which the squeeze ends where an object is put, and in which the hand opens then; between samples of that.
@@ -109,7 +109,8 @@ def plan_pick(
     seed = integer("seed", seed, at_least=0)
     reacher = Reacher(task, np.random.default_rng(seed))
     limits = limit_arm(task.robot, "effort", speed, acceleration, reserve)
-    elapsed = dict.fromkeys(("search", "reach", "forces", "ways", "timing"), 0.0)
+    settings = _Settings(limits, reserve, acceleration, speed, seed)
+    elapsed: dict[str, float] = dict.fromkeys(("search", "reach", "forces", "ways", "timing"), 0.0)
 
     def stop(stage: str) -> None:
         nonlocal mark
@@ -148,7 +149,7 @@ def plan_pick(
             if plan.status not in (Status.OK, Status.DOUBTFUL):
                 reacher.reasons[f"plan {plan.status.value}"] += 1
                 continue
-            made = _Maker(task, plan, chosen, limits, reserve, acceleration, speed, seed).make(stop)
+            made = _Maker(task, plan, chosen, settings).make(stop)
             if isinstance(made, str):
                 reacher.reasons[made] += 1
                 continue
@@ -233,22 +234,21 @@ def _explain(tried: int, reacher: Reacher) -> str:
     return f"none of {tried} grasps goes: {parts}"
 
 
+class _Settings(NamedTuple):
+    """How the arm may move: limits of its joints, what is kept free of them, and where those come from."""
+
+    limits: ArmLimits
+    reserve: float
+    acceleration: ArrayLike
+    speed: ArrayLike | None
+    seed: int
+
+
 class _Maker:
     """Ways, timing and torques of one grasp that is reached."""
 
-    def __init__(
-        self,
-        task: PickTask,
-        plan: GraspPlan,
-        reached: Reached,
-        limits: ArmLimits,
-        reserve: float,
-        acceleration: ArrayLike,
-        speed: ArrayLike | None,
-        seed: int,
-    ):
-        self.task, self.plan, self.reached, self.limits = task, plan, reached, limits
-        self.reserve, self.acceleration, self.speed, self.seed = reserve, acceleration, speed, seed
+    def __init__(self, task: PickTask, plan: GraspPlan, reached: Reached, settings: _Settings):
+        self.task, self.plan, self.reached, self.settings = task, plan, reached, settings
         self.joints = [task.robot.joint_names[i] for i in task.robot.arm]
 
     def make(self, stop: Callable[[str], None]) -> PickPlan | str:
@@ -308,9 +308,9 @@ class _Maker:
                     path,
                     squeeze=squeeze,
                     intervals=_INTERVALS,
-                    reserve=share * self.reserve,
-                    acceleration=share * np.asarray(self.acceleration),
-                    speed=self.speed,
+                    reserve=share * self.settings.reserve,
+                    acceleration=share * np.asarray(self.settings.acceleration),
+                    speed=self.settings.speed,
                     gravity_o=self.plan.gravity_o,
                 )
             except NoGrasp as error:
@@ -322,7 +322,7 @@ class _Maker:
         over = self._over(arm, start, goal)
         if over is not None and measure_way(over) <= _LONG * float(np.linalg.norm(goal - start)):
             return over
-        around = find_way(arm, start, goal, seed=self.seed, patience=_PATIENCE)
+        around = find_way(arm, start, goal, seed=self.settings.seed)
         return min((way for way in (over, around) if way is not None), key=measure_way, default=None)
 
     def _over(self, arm: Arm, start: Array, goal: Array) -> Array | None:
@@ -371,7 +371,7 @@ class _Maker:
         """A phase in which the arm moves, and the fingers (n_h,) stay; None: its torques do not allow any."""
         task, q = self.task, np.array(self.task.robot.resting)
         q[self._fingers] = fingers
-        timed = time_path(task.robot, path, q, self.limits, self.plan.gravity_o, RAMP)
+        timed = time_path(task.robot, path, q, self.settings.limits, self.plan.gravity_o, RAMP)
         return None if timed is None else PickPhase.alone(name, task.robot, timed, self.plan.gravity_o)
 
     @property

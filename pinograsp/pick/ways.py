@@ -11,13 +11,14 @@ from pinograsp.errors import ExtraMissing
 from pinograsp.pick.arm import Arm
 from pinograsp.spatial import Array
 
+_LOOKS = 20_000  # at postures, in each search, after which it gives up: a second or two
 _STEP = 0.02  # [rad or m] between postures of a way that are looked at
 _SHORTCUTS = 30  # that are tried in each round
 _TRIES, _SHORTENINGS = 3, 3  # ways that are looked for, of which the shortest is taken; rounds of shortcuts in each
 _LOCK = threading.Lock()  # OMPL's random numbers are those of the whole process
 
 
-def find_way(arm: Arm, start: Array, goal: Array, *, seed: int, patience: float) -> Array | None:
+def find_way(arm: Arm, start: Array, goal: Array, *, seed: int) -> Array | None:
     """Postures (w, a) from ``start`` to ``goal`` (a,), straight from one to the next, free as far as a quick look sees
     (:meth:`Arm.seems_free`); None: none was found.
 
@@ -27,7 +28,6 @@ def find_way(arm: Arm, start: Array, goal: Array, *, seed: int, patience: float)
         arm: with what it holds and what stands around.
         start, goal: free postures.
         seed: of the random numbers.
-        patience: [s] after which it gives up.
 
     Raises:
         ExtraMissing: OMPL is not installed.
@@ -48,17 +48,26 @@ def find_way(arm: Arm, start: Array, goal: Array, *, seed: int, patience: float)
             bounds.setHigh(i, float(high[i]))
         space.setBounds(bounds)
         information = base.SpaceInformation(space)
-        information.setStateValidityChecker(lambda state: arm.seems_free(np.array([state[i] for i in range(a)])))
+        looks = 0
+
+        def is_valid(state: Any) -> bool:
+            nonlocal looks
+            looks += 1
+            return arm.seems_free(np.array([state[i] for i in range(a)]))
+
+        information.setStateValidityChecker(is_valid)
         information.setStateValidityCheckingResolution(_STEP / space.getMaximumExtent())
         information.setup()
         found = list[Array]()
         for _ in range(_TRIES):
+            most = looks + _LOOKS
             problem = base.ProblemDefinition(information)
             problem.setStartAndGoalStates(_state(information, start), _state(information, goal))
             planner = geometric.RRTConnect(information)
             planner.setProblemDefinition(problem)
             planner.setup()
-            planner.solve(patience / _TRIES)
+            # By looks, not by time: the same seed is the same way on any machine.
+            planner.solve(base.PlannerTerminationCondition(lambda most=most: looks > most))
             if not problem.hasExactSolution():
                 continue
             path = problem.getSolutionPath()
