@@ -143,3 +143,8 @@ def moments_problem(moments: Array, most: float) -> str:
             f"{moments[2]:.3g}: are the units right?"
         )
     return ""
+
+
+def rotation_angle(rotation: Array) -> float:
+    """By how much a rotation (3, 3) turns, about its own axis [rad]."""
+    return float(np.arccos(np.clip((np.trace(rotation) - 1.0) / 2.0, -1.0, 1.0)))

@@ -29,7 +29,7 @@ from pinograsp.plan import PlanRecord
 from pinograsp.plan.simulation import MOVED, TURNED
 from pinograsp.simulation.scene import COUPLED_STEPS, compile_model, outline
 from pinograsp.simulation.settings import Servo
-from pinograsp.spatial import Array, IntArray
+from pinograsp.spatial import Array, IntArray, rotation_angle
 from pinograsp.words import printable
 from pinograsp.writing import write_file
 
@@ -220,8 +220,7 @@ def _play(model: mujoco.MjModel, found: Controls, steps: int, samples: int) -> l
         data.ctrl[:] = ctrl
         mujoco.mj_step(model, data, nstep=steps)
     moved = float(np.linalg.norm(data.xpos[body] - place))
-    cosine = 0.5 * (float((data.xmat[body].reshape(3, 3) * turn).sum()) - 1.0)
-    turned = math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+    turned = math.degrees(rotation_angle(data.xmat[body].reshape(3, 3) @ turn.T))
     if any(data.warning[kind].number for kind in _UNSTABLE):
         return ["played in MuJoCo this scene is unstable: take other gains, or a higher rate"]
     if moved <= MOVED and turned <= TURNED:

@@ -166,9 +166,9 @@ def _hull(body: Body) -> coal.ShapeBase:
     return hull_of(body.collision_geometry) or body.collision_geometry
 
 
-def find_supports(scene: Scene, body: Body) -> set[str]:
-    """Names of the obstacles that a body stands on, or all but does."""
-    found = set[str]()
+def find_supports(scene: Scene, body: Body, place: Array | None = None) -> set[str]:
+    """Names of the obstacles that a body stands on, or all but does, here and at a ``place`` (4, 4) of its frame."""
+    found = set[str]() if place is None else find_supports(scene, body.placed(place))
     for name, obstacle in scene.obstacles.items():
         at = [coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (obstacle.shape_pose, body.shape_pose)]
         for one in convex_shapes(obstacle, []):

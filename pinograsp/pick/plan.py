@@ -102,6 +102,7 @@ def plan_pick(
     """
     mark = time.perf_counter()
     instance_of("conditions", conditions, GraspConditions)
+    instance_of("robot", robot, HandModel)
     if find_supports(instance_of("scene", scene, Scene), instance_of("body", body, Body)):
         conditions = replace(conditions, table=True)
     task = _read_task(robot, body, scene, place, start, lift, conditions)
@@ -172,9 +173,6 @@ def _read_task(
     lift: float,
     conditions: GraspConditions,
 ) -> PickTask:
-    instance_of("robot", robot, HandModel)
-    instance_of("body", body, Body)
-    instance_of("scene", scene, Scene)
     if not len(robot.arm):
         raise InvalidInput(
             f"robot '{robot.name}': expected an arm that carries the hand, got a hand alone: mount it on one, "
@@ -205,7 +203,7 @@ def _read_task(
         start=np.array(robot.resting)[robot.arm],
         lift=number("lift", lift, above=0, at_most=2, unit="m"),
         up_o=-gravity / size,
-        supports=find_supports(scene, body) | (set() if where is None else find_supports(scene, body.placed(where))),
+        supports=find_supports(scene, body, where),
     )
     arm = task.arm(task.hand.resting, "free", body, task.start)
     if not robot.posture and not arm.is_free(task.start):

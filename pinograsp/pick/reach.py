@@ -82,7 +82,7 @@ class PickTask:
         q[[self.robot.joint_names.index(joint) for joint in self.hand.joint_names]] = fingers
         return Arm(self.robot, q, self.scene, body, kind, self.supports)
 
-    def moved(self, body: Body) -> Array:
+    def find_shift(self, body: Body) -> Array:
         """From where the object is to where it is put (4, 4)."""
         assert self.place is not None
         return self.place @ inverse_of(body.pose)
@@ -143,7 +143,7 @@ class Reacher:
         room = _room(opened, x)
         if task.place is None:
             return Reached(grasp=grasp, approach=out[::-1], lift=lift, lower=None, leave=None, room=room)
-        there = task.moved(held_at)
+        there = task.find_shift(held_at)
         lowered = self._find_posture(holding, carrying, there @ palm, lift[-1])
         if isinstance(lowered, str):
             return f"{lowered} where it is to be put"

@@ -25,7 +25,7 @@ from pinograsp.simulation.settings import Disturbance
 from pinograsp.simulation.simulate import make_forces
 from pinograsp.simulation.table import Table
 from pinograsp.simulation.task import Task
-from pinograsp.spatial import Array, inverse_of
+from pinograsp.spatial import Array, inverse_of, rotation_angle
 from pinograsp.words import lines_of
 
 _STEP = 5e-4  # [s]
@@ -222,9 +222,7 @@ def _find_nearest(plan: PickRecord, world: _World, spans: dict[str, tuple[float,
     """What came nearest of all that is not to touch."""
     least = Nearest(math.inf, "", "")
     times, poses = np.array(world.times), np.array(world.poses)
-    supports = find_supports(plan.scene, plan.body)
-    if plan.place is not None:
-        supports |= find_supports(plan.scene, plan.body.placed(plan.place))
+    supports = find_supports(plan.scene, plan.body, plan.place)
     for name, (first, last) in spans.items():
         seen = np.flatnonzero((times >= first) & (times <= last))
         if not len(seen):
@@ -283,5 +281,5 @@ def _tilt(plan: PickRecord, pose: Array) -> float:
 
 def _apart(one: Array, other: Array) -> tuple[float, float]:
     """Distance [m] and angle [deg] between two poses (4, 4)."""
-    cosine = 0.5 * (float(np.trace(one[:3, :3].T @ other[:3, :3])) - 1.0)
-    return float(np.linalg.norm(one[:3, 3] - other[:3, 3])), math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+    turn = rotation_angle(one[:3, :3].T @ other[:3, :3])
+    return float(np.linalg.norm(one[:3, 3] - other[:3, 3])), math.degrees(turn)

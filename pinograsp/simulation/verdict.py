@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from pinograsp.plan import History, Verdict
 from pinograsp.plan.simulation import MOVED, TURNED
 from pinograsp.simulation.options import SimulationOptions
 from pinograsp.simulation.task import Task
-from pinograsp.spatial import Array, BoolArray
+from pinograsp.spatial import Array, BoolArray, rotation_angle
 
 RESTING = 5e-4  # [m] of motion in the last fifth of the hold, of shaken hands whole periods apart
 SWINGING = 2e-3  # [m] from one side to the other, of an object that swings on its contacts in the last fifth
@@ -57,7 +58,7 @@ def judge(
     start, end = poses[closed], poses[-1]
     drift = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
     turned = end[:3, :3] @ start[:3, :3].T
-    turn = float(np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1))))
+    turn = math.degrees(rotation_angle(turned))
     gravity = np.linalg.norm(task.gravity_o)
     up = -task.gravity_o / gravity if gravity > 0 else np.array([0.0, 0.0, 1.0])
     tilt = float(np.degrees(np.arccos(np.clip(up @ turned @ up, -1, 1))))
