@@ -109,13 +109,14 @@ def test_closings_are_those_of_coal_alone(name, monkeypatch):
             Ellipsoid(semi_axes=(size, size / 2, 1.5 * size), mass=0.1, pose=pose),
         ):
             try:
-                found = close_hand(hand, body, start=shape.opened, target=shape.closed)
+                # Held still: an object that jaws push may slip from them this way or that by a nanometre's difference.
+                found = close_hand(hand, body, start=shape.opened, target=shape.closed, fixed=True)
             except InvalidInput:  # the open hand is in its way
                 continue
             with monkeypatch.context() as without:
                 without.setattr(core, "is_installed", lambda: False)
-                alone = close_hand(hand, body, start=shape.opened, target=shape.closed)
+                alone = close_hand(hand, body, start=shape.opened, target=shape.closed, fixed=True)
             assert sorted(touch.link for touch in found.touches) == sorted(touch.link for touch in alone.touches), seed
             assert np.abs(found.q - alone.q).max() < 2e-3, seed
-            touching += len(found.touches) > 1
+            touching += len(found.touches) > (hand.n > 1)  # of jaws of one motor the first stops both
     assert touching > 5, seed
