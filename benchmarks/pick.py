@@ -1,13 +1,17 @@
 """Picking at random places: is there a plan, and does it come about in the simulation?
 
-    python benchmarks/pick.py --seed 7 --count 20 [--robots panda ...] [--errors] [--json]
+    python benchmarks/pick.py --seed 7 --count 20 [--robots panda ...] [--errors] [--recompute]
+        [--reference 3000] [--json]
 
 Robots: a Panda with its jaws, a UR5 with the Panda's jaws, a Panda with an Allegro hand, the right arm of a G1 with its
 hand. A can, a box, a mug, a bottle or a ball stands on a table at a random place and is to be put half a metre away,
 with a box and a wall in the way in every other trial. Each plan is simulated with a free object and the robot's own
 servos: done is what was lifted, carried and put down within 10 mm and 10 deg, nothing else touched. With
-``--errors`` the object is 5 mm and 5 deg off its place, 10 % heavier, its friction 0.9 of the planned.
-Writes pick.csv beside this file; the last line is JSON with ``--json``. Some 5 s for each trial.
+``--errors`` the object is 5 mm and 5 deg off its place, 10 % heavier, its friction 0.9 of the planned. With
+``--recompute`` plans are not simulated: speeds, accelerations and torques (by RNEA, with the object) are computed anew
+at 1 kHz, as shares of their limits, and distances from what stands around (by coal), less what is to be kept. With
+``--reference`` it is told for trials without a plan whether the arm reaches any of the grasps of so many samples, from
+50 postures each. Writes pick.csv beside this file; the last line is JSON with ``--json``. Some 10 s for each trial.
 """
 
 from __future__ import annotations
@@ -18,15 +22,19 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
 from pinograsp.errors import PinograspError
 from pinograsp.hands.catalogue import file_of
-from pinograsp.pick import simulate_pick
+from pinograsp.objects.body import Body
+from pinograsp.pick import PickMotion, PickPlan, simulate_pick
+from pinograsp.pick.plan import read_task
+from pinograsp.pick.reach import Reacher
 from pinograsp.simulation import Disturbance
-from pinograsp.spatial import pose_of
+from pinograsp.spatial import inverse_of, pose_of
 
 HERE = Path(__file__).resolve().parent
 MU = 0.6
@@ -58,7 +66,7 @@ def load_robot(name: str) -> tuple[pg.HandModel, tuple[float, float, float]]:
     return robot, (0.28, 0.4, -0.1)
 
 
-def load_objects() -> dict[str, pg.objects.body.Body]:
+def load_objects() -> dict[str, Body]:
     """Objects with their lowest points at z = 0."""
     mug = pg.Mesh.load(Path(pg.__file__).parent / "cases" / "mug.obj", scale=1e-3, mass=0.25)
     low = float(mug.vertices[:, 2].min())
@@ -78,6 +86,8 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--robots", nargs="+", default=list(ROBOTS), choices=ROBOTS)
     parser.add_argument("--errors", action="store_true")
+    parser.add_argument("--recompute", action="store_true")
+    parser.add_argument("--reference", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     rng, rows = np.random.default_rng(args.seed), list[dict[str, object]]()
@@ -87,7 +97,7 @@ def main() -> None:
     for i in tqdm(range(args.count)):
         name, thing = args.robots[i % len(args.robots)], list(objects)[rng.integers(len(objects))]
         (robot, (near, far, height)), crowded = robots[name], i // len(args.robots) % 2 == 1
-        rows.append(_try(rng, robot, objects[thing], near, far, height, crowded=crowded, errors=args.errors))
+        rows.append(_try(rng, robot, objects[thing], near, far, height, crowded=crowded, args=args))
         rows[-1] = {"robot": name, "object": thing, "crowded": crowded, **rows[-1]}
         write_rows(HERE / "pick.csv", first, rows)
     print(first)
@@ -106,13 +116,13 @@ def main() -> None:
 def _try(
     rng: np.random.Generator,
     robot: pg.HandModel,
-    thing: pg.objects.body.Body,
+    thing: Body,
     near: float,
     far: float,
     height: float,
     *,
     crowded: bool,
-    errors: bool,
+    args: argparse.Namespace,
 ) -> dict[str, object]:
     """One trial; the base is where the robot's root is."""
     radius, side = rng.uniform(near, far), -1.0 if near < 0.35 else rng.choice([-1.0, 1.0])
@@ -131,7 +141,7 @@ def _try(
         scene = scene.with_box("wall", (0.2, 0.02, 0.15), at=(*middle, height + 0.075))
         scene = scene.with_box("crate", (0.08, 0.08, 0.1), at=(here[0] + 0.14, here[1], height + 0.05))
     row: dict[str, object] = {"planned": False, "done": False}
-    started = time.perf_counter()
+    started, seed = time.perf_counter(), int(rng.integers(1_000_000))
     try:
         plan = pg.plan_pick(
             robot,
@@ -139,21 +149,101 @@ def _try(
             scene,
             pg.GraspConditions(mu=MU),
             place=pose_of(there + [0, 0, stands], yaw),
-            seed=int(rng.integers(1_000_000)),
+            seed=seed,
             progress=False,
         )
     except PinograspError as error:
-        return {**row, "seconds": round(time.perf_counter() - started, 2), "why": str(error).splitlines()[0]}
+        took = round(time.perf_counter() - started, 2)
+        if args.reference:
+            row["reachable"] = _is_reachable(robot, body, scene, pose_of(there + [0, 0, stands], yaw), args.reference)
+        return {**row, "seconds": took, "why": str(error).splitlines()[0]}
     row |= {"planned": True, "status": plan.status.value, "seconds": round(time.perf_counter() - started, 2)}
     row |= {f"{stage}_s": round(took, 2) for stage, took in plan.elapsed.items()} | {"takes": round(plan.duration, 2)}
+    if args.recompute:
+        return row | _recompute(plan)
     other: dict[str, object] = {}
-    if errors:
+    if args.errors:
         direction = rng.uniform(0.0, 2.0 * np.pi)
         other = {"object_offset": (5e-3 * np.cos(direction), 5e-3 * np.sin(direction), 0.0), "mass_factor": 1.1}
         other |= {"object_turn": (0.0, 0.0, np.radians(5.0) * rng.choice([-1, 1])), "mu": 0.9 * MU}
     seen = simulate_pick(plan, disturbance=Disturbance(**other))
     row |= {"done": seen.done, "why": seen.failed, "moved_mm": round(1e3 * seen.moved, 2)}
     return row | {"off_mm": round(1e3 * seen.off, 2), "off_deg": round(seen.off_angle, 2)}
+
+
+def _is_reachable(robot: pg.HandModel, body: Body, scene: pg.Scene, place: np.ndarray, count: int) -> bool:
+    """Whether the arm reaches any grasp that the hand by itself finds in so many samples."""
+    rng = np.random.default_rng(count)
+    task = read_task(robot, body, scene, place, None, PickMotion(), pg.GraspConditions(mu=MU, table=True), rng)
+    found = pg.find_grasps(task.hand, body, pg.GraspConditions(mu=MU, table=True), count=count, seed=count)
+    reacher = Reacher(task, rng, starts=50)
+    return any(reacher.reach(grasp) is not None for grasp in found.grasps if grasp.withstands)
+
+
+def _recompute(plan: PickPlan) -> dict[str, object]:
+    """Largest shares of the arm's limits, and the least that distances have to spare [mm]."""
+    robot, arm, motion = plan.robot, plan.robot.arm, PickMotion()
+    way = plan.trajectory(rate=1000.0)
+    bounds = np.cumsum([phase.duration for phase in plan.phases])
+    ddq = np.gradient(way.dq, way.times, axis=0)
+    carried = (way.times > bounds[1]) & (way.times <= bounds[2])
+    # The object moves with the palm while it is carried.
+    body, model = plan.grasp.body, robot.model
+    frame = model.frames[robot.frame_id(robot.palm)]
+    at_grasp = robot.frame_placements(plan.phases[2].q[0], [robot.palm])[0]
+    held = frame.placement * pin.SE3(inverse_of(at_grasp) @ body.shape_pose)
+    loaded = model.copy()
+    loaded.inertias[frame.parentJoint] += held.act(pin.Inertia(body.mass, np.zeros(3), body.inertia_s))
+    torques = np.zeros((len(way.times), robot.n))
+    for own, rows in ((model, ~carried), (loaded, carried)):
+        data = own.createData()
+        for i in np.flatnonzero(rows):
+            torques[i] = pin.rnea(own, data, way.q[i], way.dq[i], ddq[i])
+    limits = np.where(robot.effort > 0, robot.effort, np.inf), np.where(robot.velocity > 0, robot.velocity, np.inf)
+    spare = min(
+        _measure_spare(plan, way.q[way.times <= bounds[0]], held=None),
+        _measure_spare(plan, way.q[carried], held=held),
+    )
+    found = {
+        "speed": float((np.abs(way.dq) / limits[1])[:, arm].max()),
+        "acceleration": float(np.abs(ddq[:, arm]).max() / motion.acceleration),
+        "torque": float((np.abs(torques) / limits[0])[:, arm].max()),
+    }
+    kept = all(share <= 1.0 for share in found.values()) and spare > -1e-5
+    return {**{name: round(share, 3) for name, share in found.items()}, "spare_mm": round(1e3 * spare, 3), "done": kept}
+
+
+def _measure_spare(plan: PickPlan, qs: np.ndarray, held: pin.SE3 | None) -> float:
+    """The least distance of arm, hand and held object from what stands around, less what each is to keep [m]."""
+    robot, scene, body = plan.robot, plan.scene, plan.grasp.body
+    geometry, palm = robot.geometry.copy(), robot.model.frames[robot.frame_id(robot.palm)].parentJoint
+    geometry.removeAllCollisionPairs()
+    own, supports, kept = geometry.ngeoms, plan.find_supports(), list[float]()
+    for name, obstacle in scene.obstacles.items():
+        at = pin.SE3(obstacle.shape_pose)
+        geometry.addGeometryObject(pin.GeometryObject(f"obstacle {name}", 0, at, obstacle.collision_geometry))
+    at = pin.SE3(body.shape_pose) if held is None else held
+    geometry.addGeometryObject(
+        pin.GeometryObject("the object", 0 if held is None else palm, at, body.collision_geometry)
+    )
+    for j, name in enumerate(scene.obstacles):
+        for i in range(own):
+            if joint := geometry.geometryObjects[i].parentJoint:
+                geometry.addCollisionPair(pin.CollisionPair(i, own + j))
+                kept.append(0.0 if joint >= palm and name in supports else scene.clearance)
+        if held is not None and name not in supports:
+            geometry.addCollisionPair(pin.CollisionPair(own + j, geometry.ngeoms - 1))
+            kept.append(scene.clearance)
+    if held is None:
+        for i in range(own):
+            if 0 < geometry.geometryObjects[i].parentJoint < palm:
+                geometry.addCollisionPair(pin.CollisionPair(i, geometry.ngeoms - 1))
+                kept.append(scene.clearance)
+    data, geometry_data, least = robot.model.createData(), geometry.createData(), np.inf
+    for q in qs:
+        pin.computeDistances(robot.model, data, geometry, geometry_data, q)
+        least = min(least, *(one.min_distance - keep for one, keep in zip(geometry_data.distanceResults, kept)))
+    return float(least)
 
 
 def _summarize(name: str, rows: list[dict[str, object]]) -> dict[str, object]:

@@ -80,10 +80,12 @@ class RandomCarry:
     def constrain(self, intervals):
         s = np.linspace(0.0, 1.0, intervals + 1)
         loads = self.carried.along(self.path, (s[:-1] + s[1:]) / 2.0, np.array([0.0, 0.0, -9.81]))
-        slopes = self.carried.slopes(self.path, s)
+        slopes, swift = self.carried.slopes(self.path, s)
         least, most = self.range_n
         grasp = GraspLimits(problem=self.problem, least=least, most=most, spare=np.zeros(len(most)))
-        return PathConstraints(grasp=grasp, arm=self.limits, loaded=self.carried, middle=loads, slopes=slopes)
+        return PathConstraints(
+            grasp=grasp, arm=self.limits, loaded=self.carried, middle=loads, slopes=slopes, object_slopes=swift
+        )
 
 
 def random_path(arm, rng):

@@ -45,7 +45,7 @@ def name_binding(constraints: PathConstraints, found: CarrySolution, slack: Bool
         *(f"least force of {name}" for name in names),
         *hand,
         *constraints.arm_rows.names,
-        "speed of the joints",
+        "speed of the joints" + (" or of the object" if np.isfinite(constraints.arm.object_speed) else ""),
     ]
     values = np.concatenate(
         [

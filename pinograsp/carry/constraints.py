@@ -48,11 +48,13 @@ class ArmLimits:
         torque: largest |torque| (n,) [N m or N].
         speed: largest |speed| (n,) [rad/s or m/s].
         acceleration: largest |acceleration| (n,) [rad/s^2 or m/s^2].
+        object_speed: largest speed of the object's centre of mass [m/s].
     """
 
     torque: Array
     speed: Array
     acceleration: Array
+    object_speed: float = np.inf
 
     __repr__ = brief()
 
@@ -81,6 +83,7 @@ class PathConstraints:
         loaded: robot and object.
         middle: loads at the middles of the intervals.
         slopes: derivatives of the joints' positions by the path parameter at their ends (N + 1, n).
+        object_slopes: how far the object's centre of mass goes by the path parameter there (N + 1,).
         others: those of other scenarios of the same path, which the same squeeze has to withstand.
         fastest: speeds of the path parameter are below it.
     """
@@ -90,6 +93,7 @@ class PathConstraints:
     loaded: LoadedRobot
     middle: CarryLoads
     slopes: Array
+    object_slopes: Array
     others: tuple[PathConstraints, ...] = ()
     fastest: float = _FASTEST
 
@@ -145,6 +149,7 @@ class PathConstraints:
         """Largest squared speeds of the path parameter (N + 1,) [1/s^2]."""
         with np.errstate(divide="ignore"):
             fastest = (self.arm.speed / np.abs(self.slopes)).min(axis=1)
+            fastest = np.minimum(fastest, self.arm.object_speed / self.object_slopes)
         return np.asarray(np.minimum(fastest, self.fastest) ** 2)
 
     @cached_property
@@ -266,12 +271,17 @@ class PathConstraints:
 
         a, b: accelerations and squared speeds at the middles (N,); y: squared speeds at the ends (N + 1,).
         """
-        slopes, middle = np.abs(self.slopes) * np.sqrt(y)[:, None], self.middle.follow(a, b)
-        # Neither at the ends of an interval nor at its middle is a joint too fast.
-        between = np.abs(np.concatenate([middle.speed[:1], middle.speed, middle.speed[-1:]]))
-        slopes = np.maximum(slopes, np.maximum(between[:-1], between[1:]))
+        middle, rate = self.middle.follow(a, b), np.sqrt(y)
+
+        # Neither at the ends of an interval nor at its middle is a joint, or the object, too fast.
+        def find_fastest(at_ends: Array, at_middles: Array) -> Array:
+            between = np.abs(np.concatenate([at_middles[:1], at_middles, at_middles[-1:]]))
+            return np.asarray(np.maximum(np.abs(at_ends), np.maximum(between[:-1], between[1:])))
+
+        slopes = find_fastest(self.slopes * rate[:, None], middle.speed)
+        object_slopes = find_fastest(self.object_slopes * rate, middle.object_speed)
         others = tuple(other.follow(a, b, y, fastest) for other in self.others)
-        return replace(self, middle=middle, slopes=slopes, others=others, fastest=fastest)
+        return replace(self, middle=middle, slopes=slopes, object_slopes=object_slopes, others=others, fastest=fastest)
 
 
 def _find_independent(rows: Array) -> IntArray:

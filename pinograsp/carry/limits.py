@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.carry.constraints import ArmLimits
 from pinograsp.carry.loads import LoadedRobot
-from pinograsp.checks import each_of
+from pinograsp.checks import each_of, number
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, Reserve, TorqueLimit
 from pinograsp.forces.matrices import balance_columns
@@ -30,8 +30,11 @@ def limit_arm(
     speed: ArrayLike | None,
     acceleration: ArrayLike | None,
     reserve: float,
+    object_speed: float | None = None,
 ) -> ArmLimits:
-    """Of a robot's joints; speeds and accelerations (n,), None: the robot's own speeds, no acceleration."""
+    """Of a robot's joints; speeds and accelerations (n,), None: the robot's own speeds, no acceleration. And of what it
+    carries [m/s], None: any.
+    """
     n, kept = robot.n, 1.0 - reserve
     own = np.where(robot.velocity > 0, robot.velocity, np.inf)
     return ArmLimits(
@@ -40,6 +43,7 @@ def limit_arm(
         acceleration=np.full(n, np.inf)
         if acceleration is None
         else kept * read_joint_limits("acceleration", acceleration, n),
+        object_speed=np.inf if object_speed is None else number("object speed", object_speed, above=0, unit="m/s"),
     )
 
 

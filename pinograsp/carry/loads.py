@@ -55,6 +55,7 @@ class CarryLoads:
         wrench: on the object (6,), linear first [N, N m].
         torque: of all joints (n,), without contact forces on the fingers; the arm bears the object [N m or N].
         speed: derivative of q by s (n,), and nothing besides.
+        object_speed: how far the object's centre of mass goes by s (m,), likewise.
         acceleration: ddq (n,): its ``still`` is zero.
         q: positions (m, n).
     """
@@ -62,6 +63,7 @@ class CarryLoads:
     wrench: Linear
     torque: Linear
     speed: Array
+    object_speed: Array
     acceleration: Linear
     q: Array
 
@@ -73,6 +75,7 @@ class CarryLoads:
             wrench=self.wrench.follow(a, b),
             torque=self.torque.follow(a, b),
             speed=self.speed * np.sqrt(b)[:, None],
+            object_speed=self.object_speed * np.sqrt(b),
             acceleration=self.acceleration.follow(a, b),
             q=self.q,
         )
@@ -188,13 +191,26 @@ class LoadedRobot:
             wrench=Linear(*wrench),
             torque=Linear(torque[0], torque[1], torque[2]),
             speed=slope,
+            object_speed=self._measure_speed(motion[1, 1]),
             acceleration=Linear(slope, bend, np.zeros_like(slope)),
             q=q,
         )
 
-    def slopes(self, path: ArmPath, s: Array) -> Array:
-        """Derivatives of all joints' positions by the path parameters s (m,): (m, n)."""
-        return self._move(path, s)[1]
+    def slopes(self, path: ArmPath, s: Array) -> tuple[Array, Array]:
+        """By the path parameters s (m,): derivatives of all joints' positions (m, n), and how far the centre of
+        mass of the object goes (m,).
+        """
+        q, slope, _ = self._move(path, s)
+        data, twists = self.model.createData(), np.zeros((len(s), 6))
+        for i in range(len(s)):
+            pin.forwardKinematics(self.model, data, q[i], slope[i])
+            twists[i] = data.v[self.joint].vector
+        return slope, self._measure_speed(twists)
+
+    def _measure_speed(self, twists: Array) -> Array:
+        """Of the object's centre of mass (m,), by how the joint that carries it moves (m, 6)."""
+        centre = self.jMo.act(self.inertia).lever
+        return np.asarray(np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], centre), axis=1))
 
     def _move(self, path: ArmPath, s: Array) -> tuple[Array, Array, Array]:
         """Positions of all joints and their derivatives by s, each (m, n)."""

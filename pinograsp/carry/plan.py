@@ -49,6 +49,7 @@ def plan_carry(
     torque_limit: TorqueLimit = "effort",
     speed: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
+    object_speed: float | None = None,
     gravity_o: ArrayLike = (0.0, 0.0, -9.81),
 ) -> CarryPlan:
     """The timing of an arm's path, and the squeeze on the way, that a grasp, its friction and the motors withstand.
@@ -82,6 +83,7 @@ def plan_carry(
         torque_limit: largest |torque| of the robot's joints as for :class:`~pinograsp.forces.GraspConditions`.
         speed: largest |speed|, one number or (n,) [rad/s or m/s]; None: the robot's own, where it has them.
         acceleration: largest |acceleration| likewise [rad/s^2 or m/s^2]; None: no limit.
+        object_speed: largest speed of the object's centre of mass [m/s], all of it used; None: no limit.
         gravity_o: (3,) [m/s^2] in the robot's world.
 
     Raises:
@@ -104,7 +106,7 @@ def plan_carry(
     rate = _read_rate(squeeze)
     reserve = share_of("reserve", reserve)
     settings = CarrySettings(
-        arm=limit_arm(robot, torque_limit, speed, acceleration, reserve),
+        arm=limit_arm(robot, torque_limit, speed, acceleration, reserve, object_speed),
         torque_limit=torque_limit,
         reserve=reserve,
         disturbance=None if disturbance is None else number("disturbance", disturbance, at_least=0, unit="N"),

@@ -64,10 +64,14 @@ def refuse_path(constraints: PathConstraints, s: Array, found: CarrySolution) ->
 
 
 def _name_broken_limit(constraints: PathConstraints, i: int, level: float) -> str:
-    """Which limit of the joints an interval breaks at a squared speed of timed loads, whatever the forces; ""."""
+    """Which limit of the joints, or of the object's speed, an interval breaks at a squared speed of timed loads,
+    whatever the forces; "".
+    """
     slopes, names = np.abs(constraints.slopes), constraints.loaded.robot.joint_names
     fast = np.maximum(slopes[i], slopes[i + 1]) * np.sqrt(level) / constraints.arm.speed
     found = [(float(fast.max()), f"speed of {names[int(fast.argmax())]}")]
+    quick = constraints.object_slopes[i : i + 2].max() * np.sqrt(level) / constraints.arm.object_speed
+    found.append((float(quick), "speed of the object"))
     rows = constraints.arm_rows
     if rows.names:  # over what their limits leave of what is there at rest
         over = rows.C[i].sum(axis=1) * level + (1.0 - rows.c[i])

@@ -73,12 +73,18 @@ class CarryTask:
 
     def constrain(self, s: Array, knots: Array) -> PathConstraints:
         """Constraints at samples s (N,) and ends of intervals (N + 1,)."""
-        slopes = self.loaded[0].slopes(self.path, knots)
+        slopes, object_slopes = self.loaded[0].slopes(self.path, knots)
 
         def of(loaded: LoadedRobot, others: tuple[PathConstraints, ...] = ()) -> PathConstraints:
             middle = loaded.along(self.path, s, self.settings.gravity_o)
             return PathConstraints(
-                grasp=self.limits, arm=self.settings.arm, loaded=loaded, middle=middle, slopes=slopes, others=others
+                grasp=self.limits,
+                arm=self.settings.arm,
+                loaded=loaded,
+                middle=middle,
+                slopes=slopes,
+                object_slopes=object_slopes,
+                others=others,
             )
 
         return of(self.loaded[0], tuple(of(one) for one in self.loaded[1:]))

@@ -91,7 +91,7 @@ def pick(
     """
     from pinograsp.forces import GraspConditions
     from pinograsp.objects import object_from
-    from pinograsp.pick import plan_pick, save_pick, simulate_pick
+    from pinograsp.pick import PickMotion, plan_pick, save_pick, simulate_pick
 
     robot, scene = _load_robot(what.robot, mount, arm), _make_scene(around)
     body = object_from(what.object)
@@ -104,7 +104,7 @@ def pick(
             scene,
             GraspConditions(mu=what.mu),
             place=place,
-            lift=what.lift,
+            motion=PickMotion(lift=what.lift),
             seed=what.seed,
             progress=session.progress,
         )

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import coal
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, instance_of, mapping_of, number, text_of
 from pinograsp.errors import InvalidInput
+from pinograsp.hands.geometry import hull_of
 from pinograsp.objects.body import Body
 from pinograsp.objects.primitives import Box
 from pinograsp.spatial import pose_of
@@ -17,6 +19,7 @@ from pinograsp.spatial import pose_of
 _DENSITY = 700.0  # [kg/m^3] of boards, which nobody weighs: they stay
 _BOARD = 0.04  # [m]
 CLEARANCE = 0.01  # [m]
+STANDS = 2e-3  # [m] what is no farther from an object is what it stands on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,3 +79,19 @@ class Scene:
         """With one more, a box with edges ``size`` (3,) [m] along the world's axes and its middle ``at`` (3,) [m]."""
         place = pose_of(array_of(f"at of obstacle '{name}'", at, (3,)), np.eye(3))
         return self.with_obstacle(name, Box(size=size, density=_DENSITY, pose=place))
+
+    def find_supports(self, body: Body) -> set[str]:
+        """Names of the obstacles that a body stands on, or all but does."""
+        return {name for name, gap in self.measure_gaps(body).items() if gap <= STANDS}
+
+    def measure_gaps(self, body: Body) -> dict[str, float]:
+        """Distances of obstacles from a body [m]; below 0 where they overlap."""
+        found = dict[str, float]()
+        for name, obstacle in self.obstacles.items():
+            at = [coal.Transform3s(one.shape_pose[:3, :3], one.shape_pose[:3, 3]) for one in (obstacle, body)]
+            request, result = coal.DistanceRequest(), coal.DistanceResult()
+            request.enable_signed_distance = True
+            # Of a mesh its hull, which has an inside.
+            geometries = obstacle.collision_geometry, hull_of(body.collision_geometry) or body.collision_geometry
+            found[name] = float(coal.distance(geometries[0], at[0], geometries[1], at[1], request, result))
+        return found

@@ -2,8 +2,18 @@
 
 from pinograsp.pick.folder import save_pick
 from pinograsp.pick.pick_plan import PickPlan
-from pinograsp.pick.plan import plan_pick
+from pinograsp.pick.place import PlaceRegion
+from pinograsp.pick.plan import PickMotion, plan_pick
 from pinograsp.pick.record import PickPhase
 from pinograsp.pick.simulation import PickSimulation, simulate_pick
 
-__all__ = ["PickPhase", "PickPlan", "PickSimulation", "plan_pick", "save_pick", "simulate_pick"]
+__all__ = [
+    "PickMotion",
+    "PickPhase",
+    "PickPlan",
+    "PickSimulation",
+    "PlaceRegion",
+    "plan_pick",
+    "save_pick",
+    "simulate_pick",
+]

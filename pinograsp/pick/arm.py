@@ -20,7 +20,6 @@ from pinograsp.spatial import Array
 
 Object = Literal["free", "held"]  # it stays, or moves with the palm
 OBJECT = "the object"
-_ON = 2e-3  # [m] what is no farther below the object is what it stands on
 _MEETS = 1e-3  # [m] by which the held object may be in what it stands on, and _TOUCHES the open hand in the object:
 _TOUCHES = 2e-4  # [m] of an arm's postures to 0.1 mm, and shapes that lie on each other
 _LIMIT = 0.01  # [rad or m] that splines and rounding may take of a joint's way
@@ -135,6 +134,14 @@ class Arm:
         pose: Array = self.data.oMf[self.palm_frame].homogeneous.copy()
         return pose
 
+    def hold(self, x: Array, mass: float, gravity_o: Array) -> Array:
+        """Torques (a,) that hold the arm at x (a,), with a mass at its palm [N m or N]."""
+        self.model.gravity.linear = gravity_o
+        torques: Array = pin.computeGeneralizedGravity(self.model, self.data, x).copy()
+        J = pin.computeFrameJacobian(self.model, self.data, x, self.palm_frame, pin.LOCAL_WORLD_ALIGNED)
+        torques -= J[:3].T @ (mass * gravity_o)
+        return torques
+
     def is_free(self, x: Array, *, near: bool = False) -> bool:
         """Whether all keep their distances at x (a,); ``near``: where a hand takes or puts down."""
         return not pin.computeCollisions(self.model, self.data, self.geometry, self.near if near else self.far, x, True)
@@ -164,15 +171,3 @@ class Arm:
 def _hull(body: Body) -> coal.ShapeBase:
     """The object's shape; of a mesh that is not convex its hull, which is farther out than the mesh nowhere outside."""
     return hull_of(body.collision_geometry) or body.collision_geometry
-
-
-def find_supports(scene: Scene, body: Body, place: Array | None = None) -> set[str]:
-    """Names of the obstacles that a body stands on, or all but does, here and at a ``place`` (4, 4) of its frame."""
-    found = set[str]() if place is None else find_supports(scene, body.placed(place))
-    for name, obstacle in scene.obstacles.items():
-        at = [coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (obstacle.shape_pose, body.shape_pose)]
-        for one in convex_shapes(obstacle, []):
-            request, result = coal.DistanceRequest(), coal.DistanceResult()
-            if coal.distance(one, at[0], _hull(body), at[1], request, result) <= _ON:
-                found.add(name)
-    return found

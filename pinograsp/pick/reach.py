@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,10 +14,12 @@ from pinograsp.objects.body import Body
 from pinograsp.pick.arm import OBJECT, Arm, Nearest, Object
 from pinograsp.pick.inverse_kinematics import PalmSolver
 from pinograsp.spatial import Array, inverse_of, pose_of
-from pinograsp.synthesis import FoundGrasp
+from pinograsp.synthesis import FoundGrasp, GraspSearch
+from pinograsp.synthesis.setting import REFUSED
 
 OUT_OF_REACH = "out of reach"
 _STARTS = 12  # postures from which the inverse kinematics starts, at random
+_FEW_STARTS, _FEW_STEPS = 3, 30  # and their steps, for each sample of a search
 _STEP = 0.01  # [m] of a straight line
 _POSTURES = 4  # of a grasp whose lines are tried
 _STAND_OFF = (0.1, 0.06)  # [m] from which a hand comes straight on, and to which it leaves
@@ -34,6 +36,7 @@ class Reached:
         lift: up from it.
         lower: down to where the object is put; None: it is only lifted.
         leave: from there straight back.
+        place: pose (4, 4) of the object's frame there.
         room: of the posture in the grasp, least distance to a joint's limit over half its range [-].
     """
 
@@ -42,6 +45,7 @@ class Reached:
     lift: Array
     lower: Array | None
     leave: Array | None
+    place: Array | None
     room: float
 
     __repr__ = brief("grasp", "room")
@@ -56,10 +60,10 @@ class PickTask:
         hand: alone.
         body: the object.
         scene: what stands around.
-        place: pose (4, 4) of the object's frame where it is put; None: it is only lifted.
+        places: poses (4, 4) of the object's frame, of which the first is taken that goes; none: it is only lifted.
         start: the arm's positions (a,).
         lift: how far straight up [m].
-        up_o: unit direction (3,).
+        gravity_o: (3,) [m/s^2].
         supports: names of the obstacles that the object stands on, and that it is put on.
     """
 
@@ -67,13 +71,19 @@ class PickTask:
     hand: HandModel
     body: Body
     scene: Scene
-    place: Array | None
+    places: tuple[Array, ...]
     start: Array
     lift: float
-    up_o: Array
+    gravity_o: Array
     supports: set[str]
 
-    __repr__ = brief("robot", "place")
+    __repr__ = brief("robot")
+
+    @property
+    def up_o(self) -> Array:
+        """Unit direction (3,)."""
+        up: Array = -self.gravity_o / np.linalg.norm(self.gravity_o)
+        return up
 
     def arm(self, fingers: Array, kind: Object, body: Body, x: Array) -> Arm:
         """The robot with its fingers at positions of the hand (n_h,), its arm at x (a,), where an object is held."""
@@ -82,10 +92,35 @@ class PickTask:
         q[[self.robot.joint_names.index(joint) for joint in self.hand.joint_names]] = fingers
         return Arm(self.robot, q, self.scene, body, kind, self.supports)
 
-    def find_shift(self, body: Body) -> Array:
-        """From where the object is to where it is put (4, 4)."""
-        assert self.place is not None
-        return self.place @ inverse_of(body.pose)
+
+class ReachSetting:
+    """The setting of a search: where an arm gets with its hand open, and hits nothing."""
+
+    def __init__(self, task: PickTask):
+        self.task = task
+        self._solvers: dict[bytes, PalmSolver] = {}
+
+    def __reduce__(self) -> tuple[type[ReachSetting], tuple[PickTask]]:
+        return ReachSetting, (self.task,)  # without what is heavy, and made quickly
+
+    def refuse(self, hand: HandModel, q: Array, look_o: Array) -> str:
+        """Why the arm does not bring a hand where it is placed, open at q (n_h,)."""
+        task, palm = self.task, hand.frame_placements(q, [self.task.robot.palm])[0]
+        if (key := q.tobytes()) not in self._solvers:
+            self._solvers[key] = PalmSolver(task.arm(q, "free", task.body, task.start))
+        solver = self._solvers[key]
+        # The same starts for every hand: what is found must not depend on which process looks.
+        random = np.random.default_rng(0).uniform(solver.arm.lower, solver.arm.upper, (_FEW_STARTS, len(task.start)))
+        why = OUT_OF_REACH
+        for start in (task.start, *random):
+            x = solver.solve(palm, start, _FEW_STEPS)
+            if x is None:
+                continue
+            nearest = solver.arm.find_nearest(x, near=True)
+            if nearest.spare >= 0:
+                return ""
+            why = _tell(nearest, task)
+        return why
 
 
 class Reacher:
@@ -94,10 +129,15 @@ class Reacher:
     Attributes:
         reasons: what kept the arm from grasps, and from how many.
         arrived: grasps in which there is a posture of the arm that hits nothing.
+
+    Args:
+        task: what is to be picked.
+        rng: of the postures that the inverse kinematics starts from.
+        starts: how many of these for each grasp.
     """
 
-    def __init__(self, task: PickTask, rng: np.random.Generator):
-        self.task, self.rng = task, rng
+    def __init__(self, task: PickTask, rng: np.random.Generator, starts: int = _STARTS):
+        self.task, self.rng, self.starts = task, rng, starts
         self.reasons: Counter[str] = Counter()
         self.arrived = 0
 
@@ -107,7 +147,7 @@ class Reacher:
         palm = closure.hand.frame_placements(closure.start, [task.robot.palm])[0]
         opened = task.arm(closure.start, "free", task.body, task.start)
         solver = PalmSolver(opened)
-        random = self.rng.uniform(opened.lower, opened.upper, (_STARTS, len(task.start)))
+        random = self.rng.uniform(opened.lower, opened.upper, (self.starts, len(task.start)))
         postures = solver.find_postures(palm, np.vstack([task.start, random]))
         if not postures:
             self.reasons[OUT_OF_REACH] += 1
@@ -121,13 +161,27 @@ class Reacher:
             else:
                 why[_tell(nearest, task)] += 1
         self.arrived += bool(free)
-        for x in sorted(free, key=lambda one: -_room(opened, one))[:_POSTURES]:
+        for x in sorted(free, key=lambda one: -self._rate(opened, one))[:_POSTURES]:
             found = self._find_lines(grasp, opened, solver, palm, x)
             if isinstance(found, Reached):
                 return found
             why[found] += 1
         self.reasons[why.most_common(1)[0][0]] += 1
         return None
+
+    def count_refused(self, found: GraspSearch) -> int:
+        """Count the samples of a search that there was no place for; how many."""
+        refused = {what: count for what, count in found.outcomes.items() if what.startswith(REFUSED)}
+        for what, count in refused.items():
+            self.reasons[what.removeprefix(f"{REFUSED} (").removesuffix(")")] += count
+        return sum(refused.values())
+
+    def _rate(self, arm: Arm, x: Array) -> float:
+        """How good a posture is: what it has left of the joints' ways or, where that is less, of their torques [-]."""
+        torques = arm.hold(x, self.task.body.mass, self.task.gravity_o)
+        limits = arm.model.effortLimit
+        load = np.divide(np.abs(torques), limits, out=np.zeros_like(torques), where=(limits > 0) & np.isfinite(limits))
+        return min(_room(arm, x), 1.0 - float(load.max()))
 
     def _find_lines(self, grasp: FoundGrasp, opened: Arm, solver: PalmSolver, palm: Array, x: Array) -> Reached | str:
         task, closure = self.task, grasp.closure
@@ -140,10 +194,25 @@ class Reacher:
         lift = self._follow(holding, carrying, line_of(palm, task.up_o, task.lift), x)
         if isinstance(lift, str):
             return f"{lift} on the way up"
-        room = _room(opened, x)
-        if task.place is None:
-            return Reached(grasp=grasp, approach=out[::-1], lift=lift, lower=None, leave=None, room=room)
-        there = task.find_shift(held_at)
+        found = Reached(
+            grasp=grasp, approach=out[::-1], lift=lift, lower=None, leave=None, place=None, room=_room(opened, x)
+        )
+        why = Counter[str]()
+        for place in task.places:
+            put = self._find_lines_there(found, holding, carrying, palm, place)
+            if isinstance(put, Reached):
+                return put
+            why[put] += 1
+        return why.most_common(1)[0][0] if why else found
+
+    def _find_lines_there(
+        self, lifted: Reached, holding: Arm, carrying: PalmSolver, palm: Array, place: Array
+    ) -> Reached | str:
+        """The same with the lines down to a place and back from there."""
+        task, grasp, lift = self.task, lifted.grasp, lifted.lift
+        closure = grasp.closure
+        held_at = closure.object
+        there = place @ inverse_of(held_at.pose)
         lowered = self._find_posture(holding, carrying, there @ palm, lift[-1])
         if isinstance(lowered, str):
             return f"{lowered} where it is to be put"
@@ -156,7 +225,7 @@ class Reacher:
         leave = self._find_way_out(grasp, open_there, PalmSolver(open_there), there @ palm, lowered, turned)
         if isinstance(leave, str):
             return f"{leave} on the way back"
-        return Reached(grasp=grasp, approach=out[::-1], lift=lift, lower=above[::-1], leave=leave, room=room)
+        return replace(lifted, lower=above[::-1], leave=leave, place=place)
 
     def _find_posture(self, arm: Arm, solver: PalmSolver, palm: Array, start: Array) -> Array | str:
         """Where the object is put, near the posture ``start`` if that goes."""

@@ -107,6 +107,11 @@ class PickRecord:
             lines.append(f"{phase.name}: {phase.duration:.3g} s{more}")
         return lines_of(*lines, *(f"caution: {one}" for one in self.cautions))
 
+    def find_supports(self) -> set[str]:
+        """Names of the obstacles that the object stands on, here and where it is put."""
+        poses = [self.body.pose, *([] if self.place is None else [self.place])]
+        return set[str]().union(*(self.scene.find_supports(self.body.placed(pose)) for pose in poses))
+
     @property
     def cautions(self) -> tuple[str, ...]:
         """Of the grasp and of the way with the object, each once."""

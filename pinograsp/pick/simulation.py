@@ -14,11 +14,12 @@ import pinocchio as pin
 from pinograsp.carry.simulation import choose_servo
 from pinograsp.checks import brief, each_of, instance_of
 from pinograsp.contacts import law_of
+from pinograsp.contacts.support_plane import SupportPlane
 from pinograsp.errors import InvalidInput, SimulationDiverged
 from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects import Capsule, Cylinder, Sphere
 from pinograsp.objects.body import Body
-from pinograsp.pick.arm import Arm, Nearest, find_supports
+from pinograsp.pick.arm import Arm, Nearest
 from pinograsp.pick.record import PickRecord
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.settings import Disturbance
@@ -32,6 +33,7 @@ _STEP = 5e-4  # [s]
 _EVERY = 20  # steps between looks
 _SETTLE = 0.5  # [s] after the motion
 _LOST, _TURNED = 0.01, 10.0  # [m], [deg] from its place in the palm, or from where it is to be put
+_BELOW = 1e-3  # [m] that an object comes below the plane that it is put on
 _FASTEST = 1e3  # [m/s, rad/s]
 _KNOWN = {
     "mu",
@@ -162,8 +164,7 @@ class _World:
             return Table(body, at, plan.grasp.gravity_o, mass, mu, _STEP)
 
         self.tables = [table_under(stands), None if plan.place is None else table_under(plan.place @ self.shape)]
-        ends = np.cumsum([phase.duration for phase in plan.phases])
-        self.change = float(ends[1] + plan.phases[2].duration / 2.0)
+        self.change = _find_change(plan)
         self.times, self.q, self.poses = list[float](), list[Array](), list[Array]()
 
     def play(self) -> None:
@@ -185,6 +186,27 @@ class _World:
             if not np.abs(engine.dq).max() < _FASTEST or not np.isfinite(twist).all():
                 raise SimulationDiverged(i * _STEP, _STEP)
             engine.step(way.q[row], way.dq[row], self.gain * way.effort[row], touches, pressing, wrench)
+
+
+def _find_change(plan: PickRecord) -> float:
+    """When the plane where the object is put takes the place of the one where it was taken [s]: in the middle of the
+    way, or when the object is above it; it is infinitely wide.
+    """
+    carry, grasp = plan.phases[2], plan.grasp
+    begin = sum(phase.duration for phase in plan.phases[:2])
+    change = carry.duration / 2.0
+    if plan.place is not None:
+        body, rows = grasp.body, np.flatnonzero(carry.times >= change)
+        assert body is not None
+        first, *palms = plan.robot.frame_placements(carry.q[[0, *rows]], [plan.robot.palm])[:, 0]
+
+        def lowest(pose: Array) -> float:
+            return SupportPlane.under(body.placed(pose), grasp.gravity_o).height
+
+        plane = lowest(plan.place @ inverse_of(plan.body.pose) @ body.pose)
+        low = [lowest(palm @ inverse_of(first) @ body.pose) < plane - _BELOW for palm in palms]
+        change = max([change, *carry.times[rows[low]].tolist()])
+    return float(begin + change)
 
 
 def _task_of(plan: PickRecord, body: Body) -> Task:
@@ -222,7 +244,7 @@ def _find_nearest(plan: PickRecord, world: _World, spans: dict[str, tuple[float,
     """What came nearest of all that is not to touch."""
     least = Nearest(math.inf, "", "")
     times, poses = np.array(world.times), np.array(world.poses)
-    supports = find_supports(plan.scene, plan.body, plan.place)
+    supports = plan.find_supports()
     for name, (first, last) in spans.items():
         seen = np.flatnonzero((times >= first) & (times <= last))
         if not len(seen):

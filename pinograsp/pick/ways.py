@@ -3,31 +3,39 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from pinograsp.errors import ExtraMissing
 from pinograsp.pick.arm import Arm
+from pinograsp.pick.upright import Upright
 from pinograsp.spatial import Array
 
 _LOOKS = 20_000  # at postures, in each search, after which it gives up: a second or two
+_LEAN = 0.1  # of a look: what it takes to see how an object tilts
 _STEP = 0.02  # [rad or m] between postures of a way that are looked at
 _SHORTCUTS = 30  # that are tried in each round
+_TILTED = 0.6  # of the largest tilt: what ways are looked for with
+_ROUNDING = 1e-3  # [-] of a sine
+_SAME = 1e-6  # [rad or m] postures this close are one
 _TRIES, _SHORTENINGS = 3, 3  # ways that are looked for, of which the shortest is taken; rounds of shortcuts in each
 _LOCK = threading.Lock()  # OMPL's random numbers are those of the whole process
 
 
-def find_way(arm: Arm, start: Array, goal: Array, *, seed: int) -> Array | None:
+def find_way(arm: Arm, start: Array, goal: Array, *, seed: int, upright: Upright | None = None) -> Array | None:
     """Postures (w, a) from ``start`` to ``goal`` (a,), straight from one to the next, free as far as a quick look sees
     (:meth:`Arm.seems_free`); None: none was found.
 
-    The shortest of several of RRT-Connect (Kuffner and LaValle 2000) in the arm's joints, each shortened.
+    The shortest of several of RRT-Connect (Kuffner and LaValle 2000) in the arm's joints, each shortened; by projection
+    on postures that keep an object upright (Kingston, Moll and Kavraki 2019).
 
     Args:
         arm: with what it holds and what stands around.
         start, goal: free postures.
         seed: of the random numbers.
+        upright: how far what is held may tilt; None: anyhow.
 
     Raises:
         ExtraMissing: OMPL is not installed.
@@ -36,47 +44,63 @@ def find_way(arm: Arm, start: Array, goal: Array, *, seed: int) -> Array | None:
         from ompl import base, geometric, util
     except ImportError as error:
         raise ExtraMissing("ways around obstacles are found by OMPL: pip install 'pinograsp[arm]'") from error
-    a = len(start)
+    a, spent = len(start), 0.0
+
+    def count_lean() -> None:
+        nonlocal spent
+        spent += _LEAN
+
     with _LOCK:
         util.setLogLevel(util.LOG_NONE)
         util.RNG.setSeed(seed + 1)  # 0 is none
-        space, bounds = base.RealVectorStateSpace(a), base.RealVectorBounds(a)
+        joints, bounds = base.RealVectorStateSpace(a), base.RealVectorBounds(a)
         # A start on its limit, or beyond by rounding, is inside.
         low, high = np.minimum(arm.lower, np.minimum(start, goal)), np.maximum(arm.upper, np.maximum(start, goal))
         for i in range(a):
             bounds.setLow(i, float(low[i]))
             bounds.setHigh(i, float(high[i]))
-        space.setBounds(bounds)
-        information = base.SpaceInformation(space)
-        looks = 0
+        joints.setBounds(bounds)
+        if upright is None:
+            space, information = joints, base.SpaceInformation(joints)
+        else:
+            least = max(float(np.linalg.norm(upright.lean(x))) for x in (start, goal)) + _ROUNDING
+            tolerance = max(least, np.sin(_TILTED * min(upright.most, np.pi / 2.0)))
+            constraint = _make_constraint(base, upright, a, float(tolerance), count_lean)
+            space = base.ProjectedStateSpace(joints, constraint)
+            information = base.ConstrainedSpaceInformation(space)
 
         def is_valid(state: Any) -> bool:
-            nonlocal looks
-            looks += 1
-            return arm.seems_free(np.array([state[i] for i in range(a)]))
+            nonlocal spent
+            spent += 1.0
+            x = np.array([state[i] for i in range(a)])
+            return arm.seems_free(x) and (upright is None or bool(upright.measure(x) <= upright.most))
 
         information.setStateValidityChecker(is_valid)
         information.setStateValidityCheckingResolution(_STEP / space.getMaximumExtent())
         information.setup()
         found = list[Array]()
         for _ in range(_TRIES):
-            most = looks + _LOOKS
+            most = spent + _LOOKS
             problem = base.ProblemDefinition(information)
             problem.setStartAndGoalStates(_state(information, start), _state(information, goal))
             planner = geometric.RRTConnect(information)
             planner.setProblemDefinition(problem)
             planner.setup()
             # By looks, not by time: the same seed is the same way on any machine.
-            planner.solve(base.PlannerTerminationCondition(lambda most=most: looks > most))
+            planner.solve(base.PlannerTerminationCondition(lambda most=most: spent > most))
             if not problem.hasExactSolution():
-                continue
+                break
             path = problem.getSolutionPath()
             simplifier = geometric.PathSimplifier(information)
             for _ in range(_SHORTENINGS):
                 simplifier.reduceVertices(path)
                 simplifier.partialShortcutPath(path, _SHORTCUTS, _SHORTCUTS)
             simplifier.collapseCloseVertices(path)
-            found.append(np.array([[path.getState(k)[i] for i in range(a)] for k in range(path.getStateCount())]))
+            if upright is not None:
+                path.interpolate()
+            way = np.array([[path.getState(k)[i] for i in range(a)] for k in range(path.getStateCount())])
+            apart = np.abs(np.diff(way, axis=0)).max(axis=1) > _SAME
+            found.append(way[np.concatenate([[True], apart])])
     return min(found, key=measure_way, default=None)
 
 
@@ -93,6 +117,26 @@ def is_straight(arm: Arm, start: Array, goal: Array) -> bool:
 
 def _state(information: Any, x: Array) -> Any:
     state = information.allocState()
+    if hasattr(state, "copy"):  # of spaces with constraints
+        state.copy(x)
+        return state
     for i, value in enumerate(x.tolist()):
         state[i] = value
     return state
+
+
+def _make_constraint(base: Any, upright: Upright, a: int, tolerance: float, count: Callable[[], None]) -> Any:
+    """OMPL's, of postures that tilt an object by less than that [-, a sine]; ``count`` is called at each projection."""
+
+    class Level(base.Constraint):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__(a, 2, tolerance)
+
+        def function(self, x: Array, out: Array) -> None:
+            count()
+            out[:] = upright.lean(x)
+
+        def jacobian(self, x: Array, out: Array) -> None:
+            out[:] = upright.lean_slopes(x)
+
+    return Level()

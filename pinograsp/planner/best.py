@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import heapq
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -76,41 +79,87 @@ def plan_best(
     """
     instance_of("search", found, GraspSearch)
     flag("check", check)
-    best: GraspPlan | None = None
-    fewest, tried = 0.0, 0
     refused: list[tuple[NoGrasp, GraspTask]] = []
-    for grasp in found.grasps or (found.best,):
-        closure = grasp.closure
-        task = GraspTask.of_closure(closure, conditions, options, progress=progress)
-        try:
-            plan = task.attempt()
-        except NoGrasp as error:
-            refused.append((error, task))
-            continue
-        faults = _count_faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
-        lost = 0.0
-        if best is None or faults < fewest:  # else it cannot be the better one
-            tolerance = tell_tolerance(plan, closure, quick=True)
-            lost = 0.0 if tolerance is None else 1.0 - tolerance.kept
-            lost += measure_turn(plan) if plan.status is Status.OK else 0.0
-            lost += find_drop(plan) > MOVED
-        if check and plan.status is Status.OK:
-            plan, held = _check(plan)
-            faults += 0 if held else _MOST_FAULTS
-        if plan.status is Status.INTERRUPTED or not faults + lost:
-            return plan.with_tolerance()
-        if best is None or faults + lost < fewest:
-            best, fewest = plan, faults + lost
-        tried += plan.status is Status.OK
-        if tried == _TRIES or (best.status is Status.OK and grasp.sound < SOUND):
-            break
-    if best is not None:
-        if best.status is not Status.OK:
+    for best in plan_each(found, conditions, options, progress=progress, check=check, refused=refused):
+        if best.status not in (Status.OK, Status.INTERRUPTED):
             best = replace(best, notes=(*best.notes, "no plan is ok: another seed, or more samples, may find one"))
             best = _check(best)[0] if check else best
         return best.with_tolerance()
     near = [GraspTask.of_closure(one.closure, conditions, options) for one in found.near]
     raise _refusal(refused, near, (*filter(None, [found.size_remark]), *found.unmet))
+
+
+def plan_each(
+    found: GraspSearch,
+    conditions: GraspConditions,
+    options: PlanOptions = AS_USUAL,
+    *,
+    progress: bool | None = None,
+    check: bool = False,
+    refused: list[tuple[NoGrasp, GraspTask]] | None = None,
+) -> Iterator[GraspPlan]:
+    """The plans of a search's grasps, each once, as far as they are asked for: that of :func:`plan_best` first.
+
+    Without their tolerance (:meth:`GraspPlan.with_tolerance`). Arguments as of :func:`plan_best`; ``refused``: is given
+    the grasps that could not be planned.
+    """
+    waiting: list[_Planned] = []
+    tried = 0
+    for i, grasp in enumerate(found.grasps or (found.best,)):
+        closure = grasp.closure
+        task = GraspTask.of_closure(closure, conditions, options, progress=progress)
+        try:
+            plan = task.attempt()
+        except NoGrasp as error:
+            if refused is not None:
+                refused.append((error, task))
+            continue
+        faults = _count_faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
+        if check and plan.status is Status.OK:
+            plan, held = _check(plan)
+            faults += 0 if held else _MOST_FAULTS
+        one = _Planned(float(faults), i, plan, closure, whole=False)
+        if plan.status is Status.INTERRUPTED:
+            yield plan
+            continue
+        if not waiting or faults < waiting[0].faults:  # else it cannot be the better one
+            one = one.with_losses()
+            if not one.faults:
+                yield plan
+                continue
+        heapq.heappush(waiting, one)
+        tried += plan.status is Status.OK
+        if tried >= _TRIES or (waiting[0].plan.status is Status.OK and grasp.sound < SOUND):
+            yield _take_best(waiting)
+    while waiting:
+        yield _take_best(waiting)
+
+
+class _Planned(NamedTuple):
+    """A plan that is not quite as wished: how much speaks against it, in what order it came, its closure, and whether
+    losses count already.
+    """
+
+    faults: float
+    order: int
+    plan: GraspPlan
+    closure: Closure
+    whole: bool
+
+    def with_losses(self) -> _Planned:
+        """With what of misplaced objects is lost, how far a push turns it, and whether it drops."""
+        tolerance = tell_tolerance(self.plan, self.closure, quick=True)
+        lost = 0.0 if tolerance is None else 1.0 - tolerance.kept
+        lost += measure_turn(self.plan) if self.plan.status is Status.OK else 0.0
+        lost += find_drop(self.plan) > MOVED
+        return self._replace(faults=self.faults + lost, whole=True)
+
+
+def _take_best(waiting: list[_Planned]) -> GraspPlan:
+    """The plan against which least speaks, taken from a heap."""
+    while not waiting[0].whole:
+        heapq.heapreplace(waiting, waiting[0].with_losses())
+    return heapq.heappop(waiting).plan
 
 
 def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], remarks: tuple[str, ...]) -> NoGrasp:

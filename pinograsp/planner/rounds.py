@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +49,7 @@ from pinograsp.planner.refusals import (
     refuse_failure,
     refuse_no_squeeze,
 )
+from pinograsp.planner.stopwatch import Stopwatch
 from pinograsp.spatial import Array
 
 
@@ -101,20 +101,6 @@ class ForcesAndMotion:
         return replace(self, elapsed={stage: took + elapsed[stage] for stage, took in self.elapsed.items()})
 
 
-@dataclass(slots=True)
-class _Stopwatch:
-    """Seconds by stage."""
-
-    elapsed: dict[str, float] = field(default_factory=lambda: {"forces": 0.0, "motion": 0.0})
-    _since: float = field(default_factory=time.perf_counter)
-
-    def stop(self, stage: str) -> None:
-        """Count the time since the last stop as that of a stage."""
-        now = time.perf_counter()
-        self.elapsed[stage] += now - self._since
-        self._since = now
-
-
 def search_forces_and_motion(
     hand: HandModel, setup: Setup, options: PlanOptions, progress: bool | None
 ) -> ForcesAndMotion:
@@ -142,7 +128,7 @@ def search_forces_and_motion(
 def _search_grid(
     hand: HandModel, problem: ForceProblem, options: PlanOptions, progress: bool | None
 ) -> ForcesAndMotion:
-    watch = _Stopwatch()
+    watch = Stopwatch("forces", "motion")
     solver = check_qp_solver("daqp" if options.solver == "auto" else options.solver, "solver of a grid")
     kind = one_of("search", options.search, SEARCHES)
     forces = grid_search(problem, options.grid, search=kind, solver=solver, progress=progress)
@@ -161,7 +147,7 @@ def _search_optimum(hand: HandModel, setup: Setup, options: PlanOptions, progres
         limit = np.full(hand.n, np.inf)  # motor heat needs the Jacobians, at the posture that is found
     if limit is not None and not heated and not torques_matter(hand, limit):
         limit, problem = None, replace(problem, torques=None)
-    watch, rounds = _Stopwatch(), 1
+    watch, rounds = Stopwatch("forces", "motion"), 1
     # The first round finds a posture without knowing the torques.
     searched = problem if limit is None else replace(problem, torques=None)
     objective = options.objective if limit is None else None
@@ -194,7 +180,7 @@ def _are_settled(limits: TorqueLimits, known: TorqueLimits | None) -> bool:
 def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve: Reserve) -> ForcesAndMotion:
     """One squeeze for all loads of the reserve; rounds for the torque limits as in :func:`_search_optimum`."""
     problem, limit = setup.problem, setup.limit if torques_matter(hand, setup.limit) else None
-    watch, rounds, tried, start = _Stopwatch(), 1, 0, None
+    watch, rounds, tried, start = Stopwatch("forces", "motion"), 1, 0, None
     searched, posture = problem, problem.contacts.posture
     together = None if posture is None else pressing_together(hand, problem.contacts, posture)
     while True:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -31,6 +32,7 @@ from pinograsp.synthesis.found import ROOMS, FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centre_on
 from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refine, rest_of
 from pinograsp.synthesis.seeds import Pairs, find_pairs
+from pinograsp.synthesis.setting import REFUSED, Setting
 from pinograsp.synthesis.wishes import Miss, WishCheck, Wishes
 from pinograsp.words import printable
 
@@ -72,6 +74,7 @@ class SearchCase:
     collisions: SelfCollisions
     parts: bool
     wish_check: WishCheck
+    setting: Setting | None
 
 
 def make_search_case(
@@ -82,6 +85,7 @@ def make_search_case(
     wrap: bool,
     rng: np.random.Generator,
     wishes: Wishes,
+    setting: Setting | None,
 ) -> SearchCase:
     """Preshapes of the hand and pairs of the object, which all samples draw from."""
     check = WishCheck(wishes, hand, body, conditions.gravity_o)
@@ -101,6 +105,7 @@ def make_search_case(
         collisions=prepared.collisions,
         parts=prepared.parts,
         wish_check=check,
+        setting=setting,
     )
 
 
@@ -183,8 +188,8 @@ def make_batch(case: SearchCase, rng: np.random.Generator, size: int) -> Batch:
     drawn: list[tuple[Posed, Tried]] = []
     for _ in range(size):
         posed = _draw(case, rng)
-        if posed is None:
-            outcomes.append(_BLOCKED[case.table is not None])
+        if isinstance(posed, str):
+            outcomes.append(posed)
             continue
         drawn.append((posed, _try_closing(case, posed)))
         outcomes.append(drawn[-1][1].outcome)
@@ -260,12 +265,15 @@ def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried
         return Tried(f"fingers collide ({_name_pair(closure.self_collisions[0])})")
     if not _above(case, posed.hand, np.linspace(posed.opened, closure.q, _LOOKS)):
         return Tried("the hand would hit the table")
-    if rejected := _reject(case.wish_check.misses(closure, posed._replace(hand=closure.hand).look_o)):
+    look_o = posed._replace(hand=closure.hand).look_o
+    if rejected := _reject(case.wish_check.misses(closure, look_o)):
         return rejected
+    # Samples were drawn where there is room, and hardly moved since.
+    if not quick and (why := _refuse(case, posed._replace(hand=closure.hand))):
+        return Tried(why)
     wanted = case.wish_check.wanted_fingers
     outcome, grasp = hold(closure, case.conditions, impact_time=case.impact_time, quick=quick, wanted_fingers=wanted)
     if grasp is not None:
-        look_o = posed._replace(hand=grasp.closure.hand).look_o
         grasp = replace(grasp, room=_find_room(case, grasp.pose, posed.opened), look_o=look_o)
         if rejected := _reject(case.wish_check.misses_of_room(grasp.room)):
             return rejected
@@ -331,13 +339,14 @@ def _closure(case: SearchCase, posed: Posed) -> Closure:
             closed[dofs] = posed.opened[dofs]
 
 
-def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | None:
-    """A hand clear of the object, its fingertips about two surfaces that face each other; None: not found."""
+def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | str:
+    """A hand clear of the object, its fingertips about two surfaces that face each other; else why there is none."""
     pairs, body = case.pairs, case.body
     # Fingertips press joints that give way along a drive open; fingers that wrap close them.
     fitting = tuple(one for one in case.preshapes if one.yielded is not case.wrap)
     shapes = fitting if len(fitting) >= _NEAREST // 2 else case.preshapes
     widths = np.array([one.width for one in shapes])
+    why = Counter[str]()
     for _ in range(_DRAWS if shapes else 0):
         # Pairs near the centre of mass are drawn more often: there the weight turns nothing.
         i = min(int(rng.exponential(len(pairs.widths) / 4)), len(pairs.widths) - 1)
@@ -361,8 +370,17 @@ def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | None:
         if placed is not None and case.wrap:
             placed = _press_on(placed, body, shape.opened, out)
         if placed is not None and _above(case, placed, shape.opened[None]):
-            return Posed(placed, shape.opened, shape.closed, shape.out_h)
-    return None
+            posed = Posed(placed, shape.opened, shape.closed, shape.out_h)
+            if not (refused := _refuse(case, posed)):
+                return posed
+            why[refused] += 1
+    return why.most_common(1)[0][0] if why else _BLOCKED[case.table is not None]
+
+
+def _refuse(case: SearchCase, posed: Posed) -> str:
+    """Why the open hand cannot be there, besides the object; "": it can."""
+    why = "" if case.setting is None else case.setting.refuse(posed.hand, posed.opened, posed.look_o)
+    return why and f"{REFUSED} ({why})"
 
 
 def _above(case: SearchCase, hand: HandModel, postures: Array) -> bool:

@@ -37,11 +37,21 @@ from pinograsp.hands.joint_limits import PLACEHOLDERS
 from pinograsp.hands.load import ON_ROOT
 from pinograsp.interrupts import interrupts_kept, parallel_results
 from pinograsp.motion import effort_of
+from pinograsp.objects import Scene
 from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.synthesis.found import SOUND, FoundGrasp
 from pinograsp.synthesis.near import what_would_do, wider_conditions
-from pinograsp.synthesis.samples import MISSED, Batch, SearchCase, hand_of_hulls, make_batch, make_search_case, scene_of
+from pinograsp.synthesis.samples import (
+    MISSED,
+    Batch,
+    SearchCase,
+    hand_of_hulls,
+    make_batch,
+    make_search_case,
+    scene_of,
+)
+from pinograsp.synthesis.setting import REFUSED, Setting, Surroundings
 from pinograsp.synthesis.wishes import NO_WISHES, WishCheck, Wishes
 from pinograsp.writing import write_errors
 
@@ -116,7 +126,7 @@ class GraspSearch:
         """The outcomes, without which links and which wishes, the most frequent first."""
         found: dict[str, int] = {}
         for what, count in self.outcomes.items():
-            cause = what if what.startswith(MISSED) else what.partition(" (")[0]
+            cause = what if what.startswith((MISSED, REFUSED)) else what.partition(" (")[0]
             found[cause] = found.get(cause, 0) + count
         return dict(sorted(found.items(), key=lambda one: one[1], reverse=True))
 
@@ -172,6 +182,7 @@ def find_grasps(
     conditions: GraspConditions,
     *,
     wishes: Wishes = NO_WISHES,
+    scene: Scene | Setting | None = None,
     count: int = defaults.GRASPS,
     seed: int = 0,
     impact_time: float = 0.9,
@@ -186,6 +197,8 @@ def find_grasps(
         body: what is to be held, where it is.
         conditions: friction, limits and what is to be balanced.
         wishes: by which fingers, where and from which side it is to be held.
+        scene: what stands around: the open hand keeps its distance. Where the object stands on some of it, ``table`` is
+            on. Or another :class:`Setting`, of what else keeps hands from places.
         count: samples; up to four times as many, as long as no grasp withstands the reserve on contacts that are sure,
             and firmly, and the object is not too large; without wishes up to eight times where some withstand it, but
             not so.
@@ -215,11 +228,14 @@ def find_grasps(
     flag("wrap", wrap)
     instance_of("wishes", wishes, Wishes)
     wrap |= wishes.palm is True
+    if isinstance(scene, Scene):
+        conditions = replace(conditions, table=conditions.table or bool(scene.find_supports(body)))
+        scene = Surroundings(scene, body)
     jobs = processes(jobs)
     instance_of("progress", progress, bool, type(None))
     first, *rounds = np.random.SeedSequence(seed).spawn(1 + _MOST_ROUNDS)
     try:
-        case = make_search_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), wishes)
+        case = make_search_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), wishes, scene)
     except Exception as error:
         raise _plain(error) from None
     widths = [one.width for one in case.preshapes]
@@ -236,10 +252,10 @@ def find_grasps(
                 power = i % _ROUNDS >= _PINCHING and wishes.palm is None
                 run.batches(one, interrupt, wrap=wrap or power)
                 # Off its middle, what is too large may be held all the same.
-                hopeless = too_large and (not run.found or i + 1 == _PINCHING)
+                hopeless = (too_large and (not run.found or i + 1 == _PINCHING)) or run.refused
                 if hopeless or any(grasp.sound == SOUND for grasp in run.found):
                     break
-            lacking = not any(grasp.withstands for grasp in run.found)
+            lacking = not run.refused and not any(grasp.withstands for grasp in run.found)
             unmet = (
                 _find_unmet(run, first, rounds[0], interrupt)
                 if lacking and (wishes.names or _tasks(conditions))
@@ -289,7 +305,7 @@ def _find_unmet(
             conditions = replace(conditions, reserve=replace(conditions.reserve, tasks=()))
         wrap = case.wrap and (wishes.palm is not True or "palm" not in names)
         rng, fewer = np.random.default_rng(first), wishes.without(*names)
-        other = make_search_case(case.hand, case.body, conditions, case.impact_time, wrap, rng, fewer)
+        other = make_search_case(case.hand, case.body, conditions, case.impact_time, wrap, rng, fewer, case.setting)
         found = [grasp for grasp in run.other_round(other, seed, interrupt, _FEW) if grasp.withstands]
         if found:
             lines.append(_say_unmet(case, names, [_with_bodies(case.hand, case.body, grasp) for grasp in found]))
@@ -355,6 +371,11 @@ class _Run:
             if batch.grasp is not None:
                 self.found.append(batch.grasp)
         interrupt()
+
+    @property
+    def refused(self) -> bool:
+        """Whether there was room for none of the samples."""
+        return all(what.startswith(REFUSED) for what in self.outcomes)
 
     def other_round(
         self,
