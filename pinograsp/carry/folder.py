@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import fields
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.carry.report import report_carry
 from pinograsp.checks import instance_of
+from pinograsp.handover import JointTrajectory
 from pinograsp.plan import Simulation
+from pinograsp.storage.files import documents_of, read_folder
+from pinograsp.viz.shown import Shown
 from pinograsp.writing import NewFolder, write_folder
+
+SCHEMA = "pinograsp.carry/1"
+_ARRAYS = "carry.npz"
 
 
 def save_carry(
@@ -27,8 +30,9 @@ def save_carry(
     """Write a carry plan into ``folder``, whole or not at all; returns it.
 
     ``report.html`` and ``report.md``, figures, ``view.html`` (arm and hand as they move), ``carry.json`` (figures),
-    ``carry.npz`` (the plan's arrays, by their names), and the motion for a controller: ``trajectory.csv``,
-    ``trajectory.json`` (of ROS 2), ``trajectory.xml`` with its ``.npz`` (MuJoCo's keyframes).
+    ``record.json``, ``scene.json`` and ``carry.npz`` (the plan, for :func:`load_carry`), and the motion for a
+    controller: ``trajectory.csv``, ``trajectory.json`` (of ROS 2), ``trajectory.xml`` with its ``.npz`` (MuJoCo's
+    keyframes).
 
     Args:
         rate: of the trajectory's samples [Hz].
@@ -36,7 +40,7 @@ def save_carry(
         force: replace what an earlier call wrote.
 
     Raises:
-        InvalidInput: not a carry plan, an unusable rate.
+        InvalidInput: not a carry plan, an unusable rate, or what cannot be written down.
         ResultsNotWritten: the folder exists and ``force`` is off, or the place cannot be written.
     """
     instance_of("plan", plan, CarryPlan)
@@ -46,14 +50,32 @@ def save_carry(
     def fill(path: Path) -> None:
         report_carry(plan, [figure.name for figure in plan.save_figures(path)], simulation).write(path)
         seen = None if simulation is None else simulation.summary()
-        document = json.dumps({**plan.summary(), "simulation": seen}, allow_nan=False, indent=1)
-        (path / "carry.json").write_text(document + "\n", encoding="utf-8")
-        values = {one.name: getattr(plan, one.name) for one in fields(plan)}
-        arrays: dict[str, Any] = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-        np.savez_compressed(path / "carry.npz", binding=np.array(plan.binding), **arrays)
-        trajectory.to_csv(path / "trajectory.csv")
-        trajectory.to_ros2(path / "trajectory.json")
-        trajectory.to_mujoco(path / "trajectory.xml")
-        plan.save_html(path / "view.html")
+        write_way(path, plan, trajectory, SCHEMA, _ARRAYS, {"carry.json": {**plan.summary(), "simulation": seen}})
 
     return write_folder(folder, fill, force=force)
+
+
+def load_carry(folder: str | Path) -> CarryPlan:
+    """Read a carry plan back, with its robot and its object.
+
+    Raises:
+        InvalidInput: the folder holds none, or one that is damaged or of another version.
+        HandNotLoaded: mesh files of the robot that are missing.
+    """
+    return read_folder(folder, CarryPlan, SCHEMA, _ARRAYS, "carry plan")
+
+
+def write_way(
+    path: Path,
+    plan: Shown,
+    trajectory: JointTrajectory,
+    schema: str,
+    archive: str,
+    figures: Mapping[str, Mapping[str, Any]],
+) -> None:
+    """The record of a way, its figures by the names of their files, its page, and its motion for controllers."""
+    documents_of(plan, schema, figures).write(path, archive)
+    trajectory.to_csv(path / "trajectory.csv")
+    trajectory.to_ros2(path / "trajectory.json")
+    trajectory.to_mujoco(path / "trajectory.xml")
+    plan.save_html(path / "view.html")

@@ -208,7 +208,7 @@ def _time_path(joints: tuple[str, ...], s: Array, q: Array, times: Array, ends: 
     return ArmPath(joints=joints, s=s, q=q, times=times, spline=_cubic(s, _check_near(q), ((1, ends[0]), (1, ends[1]))))
 
 
-def _cubic(s: Array, q: Array, ends: str | tuple[tuple[int, Array], tuple[int, Array]] = "not-a-knot") -> CubicSpline:
+def _cubic(s: Array, q: Array, ends: str | tuple[tuple[int, Array], tuple[int, Array]] = "not-a-knot") -> PPoly:
     """The cubic spline through waypoints."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
@@ -224,7 +224,7 @@ def _cubic(s: Array, q: Array, ends: str | tuple[tuple[int, Array], tuple[int, A
             f"waypoints: expected them farther apart in time than {np.diff(s).min():.3g} of the whole: no smooth path "
             "goes through them"
         )
-    return spline
+    return PPoly(spline.c, spline.x)
 
 
 def _check_near(q: Array) -> Array:

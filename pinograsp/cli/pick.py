@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from dataclasses import dataclass
 from functools import partial
@@ -22,11 +23,12 @@ if TYPE_CHECKING:
     from pinograsp.hands import HandModel
     from pinograsp.objects import Scene
     from pinograsp.objects.body import Body
-    from pinograsp.pick import PickPlan, PickSimulation
+    from pinograsp.pick import PickPlan, PickSimulation, PlaceRegion
     from pinograsp.spatial import Array
 
 _REMARKS = 3  # cautions on the first screen
 _PLACE = "x,y,z\\[,roll,pitch,yaw] of its frame, or x,y: it stands on the table \\[m, deg]"
+_REGION = "or anywhere in x1:x2,y1:y2\\[,z]"
 
 _what = partial(option, "What is picked")
 _around = partial(option, "What stands around")
@@ -43,8 +45,10 @@ class PickOptions:
     )
     object: str = argument(f"What to pick, as {SPECS}.", complete=completion.objects)
     at: str = _what(f"Where it is: {_PLACE}.", default=REQUIRED, metavar="PLACE")
-    to: str | None = _what("Where it is to be put, likewise; default: it is lifted.", metavar="PLACE")
+    to: str | None = _what(f"Where it is to be put, likewise, {_REGION}; default: it is lifted.", metavar="PLACE")
     lift: float = _what("How far straight up \\[m].", default=0.1)
+    upright: float | None = _what("How far it may tilt on the way \\[deg]; default: anyhow.")
+    object_speed: float | None = _what("How fast it may go \\[m/s]; default: as fast as the arm.")
     mu: float = _what("Friction coefficient.", default=defaults.MU)
     seed: int = _what("Of all that is random.", default=0)
     rate: float = _what("Of the trajectory's samples \\[Hz].", default=500.0)
@@ -86,8 +90,9 @@ def pick(
     Examples:
       pinograsp pick panda sphere:radius=0.03,mass=0.1 --at 0.5,0.2 --to 0.5,-0.2
 
-    Add --check to simulate it, --box wall=0.02,0.3,0.2,0.5,0,0.1 for what is in the way, --hand and --link for a hand
-    on another arm, --posture for where the arm starts. Needs the extra arm: pip install 'pinograsp\[arm]'
+    Add --check to simulate it, --box wall=0.02,0.3,0.2,0.5,0,0.1 for what is in the way, --upright 10 for what is
+    full, --to 0.4:0.6,-0.3:-0.1 for anywhere in there, --hand and --link for a hand on another arm, --posture for where
+    the arm starts. Needs the extra arm: pip install 'pinograsp\[arm]'
     """
     from pinograsp.forces import GraspConditions
     from pinograsp.objects import object_from
@@ -96,7 +101,8 @@ def pick(
     robot, scene = _load_robot(what.robot, mount, arm), _make_scene(around)
     body = object_from(what.object)
     body = body.placed(_read_place("--at", what.at, body, around.table))
-    place = None if what.to is None else _read_place("--to", what.to, body, around.table)
+    place = None if what.to is None else _read_goal(what.to, body, around.table)
+    upright = None if what.upright is None else math.radians(what.upright)
     with new_folder(out, force, f"{Path(what.robot).stem}-{what.object.partition(':')[0]}", Path("picks")) as folder:
         plan = plan_pick(
             robot,
@@ -104,7 +110,7 @@ def pick(
             scene,
             GraspConditions(mu=what.mu),
             place=place,
-            motion=PickMotion(lift=what.lift),
+            motion=PickMotion(lift=what.lift, upright=upright, object_speed=what.object_speed),
             seed=what.seed,
             progress=session.progress,
         )
@@ -165,6 +171,24 @@ def _read_place(name: str, text: str, body: Body, table: float) -> Array:
     return pose_of(numbers[:3], turn)
 
 
+def _read_goal(text: str, body: Body, table: float) -> Array | PlaceRegion:
+    """A pose (4, 4) of the object's frame, or a region."""
+    from pinograsp.pick import PlaceRegion
+
+    if ":" not in text:
+        return _read_place("--to", text, body, table)
+    sides, *height = text.rsplit(",", 1) if text.count(",") == 2 else (text,)
+    x, _, y = sides.partition(",")
+    (left, right), (near, far) = (
+        read_numbers("--to", side.replace(":", ","), (2,), "x1:x2,y1:y2[,z] [m]") for side in (x, y)
+    )
+    if height:
+        z = read_numbers("--to", height[0], (1,), "x1:x2,y1:y2[,z] [m]")[0]
+    else:
+        z = float(_read_place("--to", f"{left},{near}", body, table)[2, 3])
+    return PlaceRegion(x=(left, right), y=(near, far), z=z)
+
+
 def _print(plan: PickPlan, simulation: PickSimulation | None, folder: Path, session: Session) -> None:
     """Phases, and at the end whether it goes."""
     facts = [(phase.name, f"{phase.duration:.3g} s") for phase in plan.phases]
@@ -180,6 +204,6 @@ def _print(plan: PickPlan, simulation: PickSimulation | None, folder: Path, sess
         told = "; ".join(str(simulation).splitlines())
         answers.append(("Did it come about?", told))
         level = level if simulation.done else "no"
-    answers.append(("Results", f"{folder / 'view.html'}, beside it trajectory.csv, .json and .xml"))
+    answers.append(("Results", f"{folder / 'report.html'}, beside it view.html, trajectory.csv, .json and .xml"))
     then = [(f"xdg-open {shlex.quote(str(folder / 'view.html'))}", "see arm and hand move")]
     show(facts, answers, then, title=f"{plan.robot.name} picks it", level=level, more=session.more)

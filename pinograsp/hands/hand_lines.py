@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pinograsp.hands.drives import SERVO, SLIDING_SERVO, Drive, Spring
+from pinograsp.hands.reach import measure_reach
 from pinograsp.hands.sources import unlike
 from pinograsp.spatial import Array
 
@@ -100,6 +101,9 @@ def describe_hand(hand: Any) -> list[str]:
         lines += [
             f"    {name}: {_describe_bounds(hand, j)}{stays.get(name, '')}" for j in others if (name := model.names[j])
         ]
+    if (reach := measure_reach(hand)) is not None:
+        first = hand.joint_names[hand.arm[0]]
+        lines.append(f"  arm: {len(hand.arm)} joints, brings the palm {reach:.2f} m from '{first}'")
     listed = [name for finger in hand.fingers for name in finger.joints if name in hand.joint_names]
     if listed != [name for name in hand.joint_names if name in listed]:
         lines.append(f"  order of q: {', '.join(hand.joint_names)}")

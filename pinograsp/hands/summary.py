@@ -9,6 +9,7 @@ from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.hands.drive_records import drive_record
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import HandModel
+from pinograsp.hands.reach import measure_reach
 
 
 def record(hand: HandModel) -> dict[str, Any]:
@@ -38,6 +39,7 @@ def record(hand: HandModel) -> dict[str, Any]:
             {"name": name, "follows": one.followed, "multiplier": one.factor, "offset": one.offset}
             for name, one in hand.couplings.items()
         ],
+        "arm": {"joints": [hand.joint_names[i] for i in hand.arm], "reach_m": measure_reach(hand)},
         "drives": [drive_record(drive) for drive in hand.drives],
         "passive_joints": list(hand.passive_joints),
         "springs": [{"joint": one.joint, "stiffness": one.stiffness, "rest": one.rest} for one in hand.springs],

@@ -1,6 +1,6 @@
 """Picking: from an object on a table to a carried object, with the arm that one has."""
 
-from pinograsp.pick.folder import save_pick
+from pinograsp.pick.folder import load_pick, save_pick
 from pinograsp.pick.pick_plan import PickPlan
 from pinograsp.pick.place import PlaceRegion
 from pinograsp.pick.plan import PickMotion, plan_pick
@@ -13,6 +13,7 @@ __all__ = [
     "PickPlan",
     "PickSimulation",
     "PlaceRegion",
+    "load_pick",
     "plan_pick",
     "save_pick",
     "simulate_pick",

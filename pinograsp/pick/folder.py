@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
+from pinograsp.carry.folder import write_way
 from pinograsp.checks import instance_of
 from pinograsp.pick.pick_plan import PickPlan
+from pinograsp.pick.report import report_pick
 from pinograsp.pick.simulation import PickSimulation
+from pinograsp.storage.files import read_folder
 from pinograsp.writing import NewFolder, write_folder
+
+SCHEMA = "pinograsp.pick/1"
+_ARRAYS, _PICTURE = "pick.npz", "pick.png"
 
 
 def save_pick(
@@ -21,8 +26,10 @@ def save_pick(
 ) -> Path:
     """Write a pick into ``folder``, whole or not at all; returns it.
 
-    ``pick.json`` (figures), ``view.html`` (arm and hand as they move), ``pick.png``, and the motion for controllers:
-    ``trajectory.csv``, ``trajectory.json`` (of ROS 2), ``trajectory.xml`` with its ``.npz`` (MuJoCo's keyframes).
+    ``report.html`` and ``report.md`` (phase by phase), ``view.html`` (arm and hand as they move), ``pick.png``,
+    ``pick.json`` (figures), ``record.json``, ``scene.json`` and ``pick.npz`` (the plan, for :func:`load_pick`), and the
+    motion for controllers: ``trajectory.csv``, ``trajectory.json`` (of ROS 2), ``trajectory.xml`` with its ``.npz``
+    (MuJoCo's keyframes).
 
     Args:
         rate: of the trajectory's samples [Hz].
@@ -30,7 +37,7 @@ def save_pick(
         force: replace what an earlier call wrote.
 
     Raises:
-        InvalidInput: not a pick, an unusable rate.
+        InvalidInput: not a pick, an unusable rate, or what cannot be written down.
         ResultsNotWritten: the folder exists and ``force`` is off, or the place cannot be written.
     """
     instance_of("plan", plan, PickPlan)
@@ -38,13 +45,19 @@ def save_pick(
     trajectory = plan.trajectory(rate=rate)
 
     def fill(path: Path) -> None:
+        plan.picture(path / _PICTURE)
+        report_pick(plan, [_PICTURE], simulation).write(path)
         seen = None if simulation is None else simulation.summary()
-        document = json.dumps({**plan.summary(), "simulation": seen}, allow_nan=False, indent=1)
-        (path / "pick.json").write_text(document + "\n", encoding="utf-8")
-        trajectory.to_csv(path / "trajectory.csv")
-        trajectory.to_ros2(path / "trajectory.json")
-        trajectory.to_mujoco(path / "trajectory.xml")
-        plan.picture(path / "pick.png")
-        plan.save_html(path / "view.html")
+        write_way(path, plan, trajectory, SCHEMA, _ARRAYS, {"pick.json": {**plan.summary(), "simulation": seen}})
 
     return write_folder(folder, fill, force=force)
+
+
+def load_pick(folder: str | Path) -> PickPlan:
+    """Read a pick back, with its robot, its object and what stands around.
+
+    Raises:
+        InvalidInput: the folder holds none, or one that is damaged or of another version.
+        HandNotLoaded: mesh files of the robot that are missing.
+    """
+    return read_folder(folder, PickPlan, SCHEMA, _ARRAYS, "pick")

@@ -43,7 +43,7 @@ class Upright:
         """Its derivatives by x: (2, a)."""
         arm = self.arm
         J = pin.computeJointJacobian(arm.model, arm.data, x, arm.palm_joint)[3:]
-        slopes: Array = self._level @ arm.data.oMi[arm.palm_joint].rotation @ self._across @ J
+        slopes: Array = self._level @ self._turn(x) @ self._across @ J
         return slopes
 
     def measure(self, x: Array) -> float:

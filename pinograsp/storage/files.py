@@ -7,21 +7,24 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from pinograsp.checks import frozen, one_line
-from pinograsp.errors import InvalidInput
+from pinograsp.checks import frozen, one_line, path_of
+from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.plain import plain_json
-from pinograsp.storage.schema import Arrays, write_record
+from pinograsp.storage.schema import Arrays, read_record, write_record
 
 RECORD, SCENE = "record.json", "scene.json"
 SCENE_SCHEMA = "pinograsp.scene/2"
 _LARGEST = 2**29  # [bytes] of a file, unpacked
 _DEEPEST = 40  # levels of a document
+
+
+T = TypeVar("T")
 
 
 class Documents(NamedTuple):
@@ -57,6 +60,49 @@ def documents_of(record: object, schema: str, figures: Mapping[str, Mapping[str,
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{type(record).__name__}: expected plain, finite values ({one_line(error)})") from error
     return Documents(texts, written.arrays)
+
+
+def read_folder(folder: str | Path, kind: type[T], schema: str, archive: str, what: str) -> T:
+    """The record in a folder, with its hands and objects; ``what`` it is, in words.
+
+    Raises:
+        InvalidInput: the folder holds none, or one that is damaged or of another version.
+        HandNotLoaded: mesh files of a hand that are missing.
+    """
+    folder = path_of("folder", folder)
+
+    def read(folder: Path) -> T:
+        document, scene = read_document(folder / RECORD, schema), read_document(folder / SCENE, SCENE_SCHEMA)
+        return read_record(kind, document.get("record"), read_arrays(folder / archive), scene)
+
+    try:
+        return read_of_one(folder, read)
+    except HandNotLoaded:
+        raise
+    except Exception as error:  # what is made of a broken file raises whatever it likes
+        raise InvalidInput(f"'{folder}' holds no readable {what}: {one_line(error)}") from error
+
+
+def read_of_one(folder: Path, read: Callable[[Path], T]) -> T:
+    """What ``read(folder)`` gives, all of one folder: another may take its place meanwhile."""
+    while True:
+        before = _state(folder)
+        try:
+            value = read(folder)
+        except Exception:
+            if _state(folder) == before:
+                raise
+        else:
+            if _state(folder) == before:
+                return value
+
+
+def _state(folder: Path) -> tuple[int, int] | None:
+    try:
+        found = folder.stat()
+    except (OSError, ValueError):
+        return None
+    return found.st_ino, found.st_ctime_ns
 
 
 def read_document(path: Path, schema: str | None = None) -> dict[str, Any]:

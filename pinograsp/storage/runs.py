@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from pinograsp.checks import one_line, path_of, shorten
 from pinograsp.errors import HandNotLoaded, InvalidInput
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.storage.consistency import check_plan, check_settings
-from pinograsp.storage.files import RECORD, SCENE, SCENE_SCHEMA, documents_of, read_arrays, read_document
+from pinograsp.storage.files import RECORD, SCENE, SCENE_SCHEMA, documents_of, read_arrays, read_document, read_of_one
 from pinograsp.storage.schema import read_record
 from pinograsp.storage.simulations import FIGURES as CHECK_FIGURES, read_simulation
 from pinograsp.writing import NewFolder, write_folder
 
 SCHEMA, FAILURE = "pinograsp.plan/3", "pinograsp.failure/3"
 _FIGURES, _ARRAYS = "plan.json", "plan.npz"
-
-T = TypeVar("T")
 
 
 def write_run(
@@ -99,7 +97,7 @@ def read_run(
         return plan
 
     try:
-        return _of_one(folder, read)
+        return read_of_one(folder, read)
     except HandNotLoaded:
         raise
     except Exception as error:  # what is made of a broken file raises whatever it likes
@@ -136,31 +134,9 @@ def read_check(folder: str | Path) -> Simulation:
     """The simulation in a folder; :class:`InvalidInput` where it holds none."""
     folder = path_of("folder", folder)
     try:
-        return _of_one(folder, read_simulation)
+        return read_of_one(folder, read_simulation)
     except Exception as error:  # the readers raise whatever comes of a broken file
         raise InvalidInput(
             f"simulation: expected a folder that 'pinograsp check' wrote, got {shorten(str(folder))} "
             f"({one_line(error)})"
         ) from error
-
-
-def _of_one(folder: Path, read: Callable[[Path], T]) -> T:
-    """What ``read(folder)`` gives, all of one folder: another may take its place meanwhile."""
-    while True:
-        before = _state(folder)
-        try:
-            value = read(folder)
-        except Exception:
-            if _state(folder) == before:
-                raise
-        else:
-            if _state(folder) == before:
-                return value
-
-
-def _state(folder: Path) -> tuple[int, int] | None:
-    try:
-        found = folder.stat()
-    except (OSError, ValueError):
-        return None
-    return found.st_ino, found.st_ctime_ns

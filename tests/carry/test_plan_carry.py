@@ -14,6 +14,7 @@ from pinograsp.carry.cautions import doubt_squeeze
 from pinograsp.errors import CarryInfeasible, InvalidInput, Status
 from pinograsp.handover import JointTrajectory
 from pinograsp.planner import plan_best
+from pinograsp.spatial import inverse_of
 
 
 def pose_of_box(arm, grasp, q):
@@ -96,6 +97,26 @@ def test_less_friction_and_more_reserve_take_longer(arm, grasp, carried):
     assert slow.duration > carried.duration
     assert np.abs(slow.ddq).max() <= 0.9 * (1 + 1e-5)
     assert any(what.startswith("acceleration of") for what in slow.binding)
+
+
+def test_the_object_goes_no_faster_than_is_wished(arm, grasp, carried):
+    robot, body = arm, grasp.body
+
+    def speeds(plan):
+        way = plan.trajectory(rate=1000.0)
+        palms = robot.frame_placements(way.q, [robot.palm])[:, 0]
+        at_grasp = robot.frame_placements(np.array(grasp.motion.q[-1]), [robot.palm])[0]
+        centres = (palms @ inverse_of(at_grasp) @ body.pose)[:, :3, 3]
+        return np.linalg.norm(np.gradient(centres, way.times, axis=0), axis=1)
+
+    cap = 0.5 * speeds(carried).max()
+    for ramp in (0, 0.05):
+        slow = plan_carry(arm, grasp, WAYPOINTS, intervals=INTERVALS, ramp=ramp, object_speed=cap)
+        assert slow.duration > carried.duration
+        assert 0.98 * cap < speeds(slow).max() < 1.001 * cap
+        assert "speed of the joints or of the object" in slow.binding
+    with pytest.raises(CarryInfeasible, match="speed of the object"):
+        plan_carry(arm, grasp, ArmPath.of(carried.trajectory()), timing="given", object_speed=cap)
 
 
 def test_slippery_contacts_bind(arm, grasp):

@@ -13,6 +13,7 @@ from pinograsp.carry import plan_carry
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import attach, detach, servo_gains
 from pinograsp.hands.catalogue import file_of
+from pinograsp.hands.reach import measure_reach
 from pinograsp.hands.record import hand_of, hand_record
 
 UR5 = "ur_description/urdf/ur5_robot.urdf"
@@ -51,6 +52,20 @@ def test_the_robot_is_both_of_them(hand_name):
     i = [robot.joint_names.index(name) for name in hand.joint_names]
     np.testing.assert_allclose(robot.effort[i], hand.effort)
     np.testing.assert_allclose(np.array(robot.model.armature)[i], hand.model.armature)
+
+
+def test_how_far_an_arm_reaches(arm_file):
+    """A Panda's flange comes 855 mm from its first axis (Franka's data sheet), 107 mm below the flange's own joint."""
+    robot = pg.load_hand(file_of("panda"), palm="panda_link8", fingers={"jaw": "panda_leftfinger"})
+    assert measure_reach(robot) == pytest.approx(0.855, abs=0.01)
+    assert measure_reach(loaded("allegro_right")) is None
+    # A UR5's upper arm and forearm are 425 and 392 mm long; the rest of it can go on along them.
+    ur5 = attach(arm_file, "panda", link="tool0")
+    assert 0.425 + 0.392 < measure_reach(ur5) < 1.1
+    q = np.random.default_rng().uniform(ur5.lower, ur5.upper, (500, ur5.n))
+    base, palm = (ur5.frame_placements(q, [name])[:, 0, :3, 3] for name in ("shoulder_link", ur5.palm))
+    assert np.linalg.norm(palm - base, axis=1).max() < measure_reach(ur5) + 1e-9
+    assert "arm: 6 joints" in ur5.describe()
 
 
 def test_arm_and_hand_bear_their_weight(arm_file):

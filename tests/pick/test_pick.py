@@ -11,14 +11,18 @@ import pinograsp as pg
 from pinograsp.errors import InvalidInput, PickFailed
 from pinograsp.handover import read_ros2
 from pinograsp.hands.catalogue import file_of
-from pinograsp.pick import simulate_pick
+from pinograsp.pick import PickMotion, PlaceRegion, load_pick, save_pick, simulate_pick
+from pinograsp.pick.arm import Arm
 from pinograsp.pick.scene import pick_scene
+from pinograsp.pick.upright import Upright
+from pinograsp.pick.ways import find_way
 from pinograsp.simulation import Disturbance
 from pinograsp.spatial import inverse_of, pose_of
 from pinograsp.viz.solids import to_sevens
 
 HOME = {"panda_joint2": -0.5, "panda_joint4": -2.0, "panda_joint6": 1.6, "panda_joint7": 0.8}
 CONDITIONS = pg.GraspConditions(mu=0.6)
+LYING = pose_of((0.5, -0.25, 0.03), pg.spatial.rotation_rpy(np.pi / 2, 0.0, 0.0))
 
 
 def panda():
@@ -119,6 +123,72 @@ def test_distances_are_kept_all_along(plan, scene):
     assert all(value >= 0.999 * scene.clearance for value in spare.values()), spare
 
 
+def tilts_of(plan):
+    """Of the object's axis while it is carried [rad]."""
+    palms = plan.robot.frame_placements(plan.phases[2].q, [plan.robot.palm])[:, 0]
+    axis = palms[0, :3, :3].T @ [0.0, 0.0, 1.0]
+    return np.arccos(np.clip((palms[:, :3, :3] @ axis)[:, 2], -1.0, 1.0))
+
+
+def test_what_is_full_stays_upright_and_slow_and_goes_to_a_region(scene):
+    region = PlaceRegion(x=(0.4, 0.6), y=(-0.35, -0.2))
+    motion = PickMotion(upright=np.radians(5.0), object_speed=0.25)
+    found = pg.plan_pick(panda(), a_can(), scene, CONDITIONS, place=region, motion=motion, seed=5, progress=False)
+    assert tilts_of(found).max() <= np.radians(5.0)
+    carry, body = found.phases[2], found.grasp.body
+    palms = found.robot.frame_placements(carry.q, [found.robot.palm])[:, 0]
+    centres = (palms @ inverse_of(palms[0]) @ body.pose)[:, :3, 3]
+    speed = np.linalg.norm(np.gradient(centres, carry.times, axis=0), axis=1)
+    assert 0.2 < speed.max() < 0.2502
+    assert np.all(found.place[:2, 3] >= (0.4, -0.35)) and np.all(found.place[:2, 3] <= (0.6, -0.2))
+    assert found.place[2, 3] == pytest.approx(0.06) and found.status is pg.Status.OK
+
+
+def test_tilts_and_their_slopes():
+    robot, rng = panda(), np.random.default_rng()
+    arm = Arm(robot, np.array(robot.resting), pg.Scene(), a_can(), "held", set())
+    x = rng.uniform(arm.lower, arm.upper)
+    upright = Upright(arm, x, np.array([0.0, 0.0, 1.0]), 0.2)
+    assert upright.measure(x) == pytest.approx(0.0, abs=1e-9) and upright.lean(x) == pytest.approx(np.zeros(2))
+    y = x + 0.1 * rng.normal(size=7)
+    assert np.linalg.norm(upright.lean(y)) == pytest.approx(np.sin(upright.measure(y)), abs=1e-9)
+    steps = 1e-4 * np.eye(7)
+    slopes = np.array([(upright.lean(y + step) - upright.lean(y - step)) / 2e-4 for step in steps]).T
+    np.testing.assert_allclose(upright.lean_slopes(y), slopes, atol=1e-6)
+    straight = upright.straighten(x + 0.02 * rng.normal(size=7))
+    assert straight is None or upright.measure(straight) < 2e-4
+
+
+@pytest.mark.slow
+def test_ways_around_keep_upright():
+    robot = panda()
+    scene = pg.Scene.on_table(at=(0.5, 0.0), size=(0.8, 1.4)).with_box("wall", (0.2, 0.02, 0.6), at=(0.5, 0.0, 0.3))
+    arm = Arm(robot, np.array(robot.resting), scene, a_can(), "free", set())
+    turned = np.array(arm.resting[arm.dofs])
+    start, goal = turned.copy(), turned.copy()
+    start[0], goal[0] = 0.7, -0.7
+    upright = Upright(arm, start, np.array([0.0, 0.0, 1.0]), np.radians(10.0))
+    way = find_way(arm, start, goal, seed=3, upright=upright)
+    assert way is not None
+    np.testing.assert_allclose(way[[0, -1]], [start, goal], atol=1e-9)
+    assert max(upright.measure(x) for x in way) <= np.radians(10.0)
+    assert sum(arm.is_free(x) for x in way) >= len(way) - 1
+
+
+def test_picks_come_back_from_their_folder(plan, tmp_path):
+    folder = save_pick(plan, tmp_path / "pick", rate=100.0)
+    report = (folder / "report.md").read_text(encoding="utf-8")
+    assert all(phase.name in report for phase in plan.phases) and "Phase by phase" in report
+    back = load_pick(folder)
+    assert back.describe() == plan.describe() and back.summary() == plan.summary()
+    for attribute in ("q", "dq", "effort"):
+        np.testing.assert_array_equal(getattr(back.trajectory(), attribute), getattr(plan.trajectory(), attribute))
+    assert set(back.scene.obstacles) == set(plan.scene.obstacles)
+    (folder / "record.json").write_text("{}")
+    with pytest.raises(InvalidInput, match="holds no readable pick"):
+        load_pick(folder)
+
+
 def test_it_comes_about_in_the_simulation(plan):
     seen = simulate_pick(plan)
     assert seen.done and seen.nearest.spare > 0 and "done" in str(seen)
@@ -208,6 +278,11 @@ def test_what_is_in_the_way_is_told():
 
 
 def test_unusable_tasks_are_refused(scene):
+    for wrong in ({"lift": -0.1}, {"upright": 0.0}, {"reserve": 1.0}):
+        with pytest.raises(InvalidInput, match=next(iter(wrong))):
+            PickMotion(**wrong)
+    with pytest.raises(InvalidInput, match="least first"):
+        PlaceRegion(x=(1.0, 0.0), y=(0.0, 1.0))
     with pytest.raises(InvalidInput, match="got a hand alone"):
         pg.plan_pick(pg.load_hand("panda"), a_can(), scene, CONDITIONS)
     wall = scene.with_box("box", (0.2, 0.2, 0.2), at=(0.4, 0.0, 0.5))
@@ -217,6 +292,9 @@ def test_unusable_tasks_are_refused(scene):
         ({"place": (1.0, 2.0)}, "place"),
         ({"start": {"panda_joint9": 0.0}}, "panda_joint9"),
         ({"seed": -1}, "seed"),
+        ({"place": (0.45, 0.0, 0.06)}, "place: expected room .* 'wall'"),
+        ({"place": PlaceRegion(x=(0.44, 0.46), y=(-0.1, 0.1))}, "place: expected a region with room"),
+        ({"place": LYING, "motion": PickMotion(upright=0.2)}, "tilts it by 90 deg"),
     ):
         with pytest.raises(InvalidInput, match=told):
             pg.plan_pick(panda(), a_can(), scene, CONDITIONS, **wrong)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import signal
 import subprocess
 import sys
@@ -25,14 +26,47 @@ from pinograsp.contacts.clearance import behind_hulls
 from pinograsp.errors import GraspNotFound, InvalidInput, NoGrasp, PinograspError, Status
 from pinograsp.forces import GraspConditions, Reserve, force_closure
 from pinograsp.hands import load_hand
-from pinograsp.objects import Box, Cylinder, Mesh, Sphere
+from pinograsp.objects import Box, Cylinder, Mesh, Scene, Sphere
 from pinograsp.planner import plan_grasp, plan_grasp_on
-from pinograsp.synthesis import Wishes, find_grasps
+from pinograsp.spatial import pose_of
+from pinograsp.synthesis import Approach, Wishes, find_grasps
 from pinograsp.synthesis.preshapes import preshapes
 from pinograsp.synthesis.seeds import find_pairs
 
 CONDITIONS = GraspConditions(mu=0.7, friction=Friction(model="soft", torsion=0.005))
 SETTINGS = {"conditions": CONDITIONS, "progress": False}
+
+
+class Nowhere:
+    def refuse(self, hand, q, look_o):
+        return "no licence"
+
+
+def test_hands_keep_their_distance_from_what_stands_around():
+    """Jaws at a can under a shelf: they come from the side that is left, and above the table."""
+    hand, seed = load_hand("panda"), secrets.randbelow(10**6)
+    can = Cylinder(radius=0.03, height=0.12, mass=0.2, pose=pose_of((0.5, 0.0, 0.06)))
+    scene = Scene.on_table().with_box("shelf", (0.3, 0.3, 0.02), at=(0.5, 0.0, 0.15))
+    found = find_grasps(hand, can, GraspConditions(mu=0.6), scene=scene, count=24, seed=seed, progress=False)
+    assert found.grasps, seed
+    for grasp in found.grasps:
+        closure = grasp.closure
+        for name, least in (("shelf", scene.clearance), ("table", 0.0)):
+            for q in (closure.start, closure.q):
+                assert clearance(closure.hand, scene.obstacles[name], q) > least - 1e-4, (name, seed)
+    above = {"wishes": Wishes(approach=Approach(direction=(0, 0, -1), cone=0.2)), "count": 8, "progress": False}
+    assert find_grasps(hand, can, GraspConditions(mu=0.6, table=True), seed=seed, **above).grasps, seed
+    blocked = find_grasps(hand, can, GraspConditions(mu=0.6), seed=seed, scene=scene, **above)
+    assert not blocked.grasps and "no place for the open hand (hit shelf)" in blocked.causes, seed
+
+
+def test_what_there_is_no_place_for_is_told_at_once(ball):
+    hand = load_hand("panda")
+    found = find_grasps(hand, ball, CONDITIONS, scene=Nowhere(), count=8, seed=1, progress=False)
+    assert not found.grasps and found.tried == 8
+    assert found.outcomes == {"no place for the open hand (no licence)": 8}
+    with pytest.raises(GraspNotFound, match="no licence"):
+        _ = found.best
 
 
 @pytest.fixture(scope="module")

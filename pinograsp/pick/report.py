@@ -1,0 +1,90 @@
+"""The readable report of a pick."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pinograsp.pick.record import PickRecord
+from pinograsp.pick.simulation import PickSimulation
+from pinograsp.report import Finding, Picture, Report, Section, list_section
+from pinograsp.words import format_number
+
+_WHAT = {
+    "reach": "to the object, around what stands there, then straight on",
+    "close": "the hand closes, the squeeze comes up",
+    "carry": "straight up, the way, straight down",
+    "open": "the squeeze goes, the hand opens",
+    "leave": "straight back",
+}
+
+
+def report_pick(plan: PickRecord, figures: Sequence[str] = (), simulation: PickSimulation | None = None) -> Report:
+    """The report: the answers first, then phase by phase, the contacts on the way, the joints."""
+    low, high, used = (
+        plan.carry.normal_forces.min(axis=0),
+        plan.carry.normal_forces.max(axis=0),
+        plan.carry.friction_use.max(axis=0),
+    )
+    contacts = [
+        (name, format_number(low[i]), format_number(high[i]), f"{100 * used[i]:.0f} %")
+        for i, name in enumerate(plan.grasp.contacts.names)
+    ]
+    return Report(
+        title=f"Picking with {plan.robot.name}",
+        answers=_answer(plan, simulation),
+        figures=[Picture(name, "The middle of the way with the object") for name in figures],
+        sections=[
+            *list_section("Cautions", plan.cautions),
+            Section(
+                title="Phase by phase",
+                columns=("phase", "what", "time [s]", "normal force in all [N]", "largest share of torque", "of speed"),
+                rows=_list_phases(plan),
+            ),
+            Section(
+                title="Contacts on the way",
+                columns=("contact", "least F_n [N]", "largest F_n [N]", "largest share of friction"),
+                rows=contacts,
+            ),
+        ],
+    )
+
+
+def _list_phases(plan: PickRecord) -> list[tuple[str, ...]]:
+    robot = plan.robot
+    effort, velocity = (np.where(limit > 0, limit, np.inf) for limit in (robot.effort, robot.velocity))
+    squeeze = plan.carry.normal_forces.sum(axis=1)
+    forces = {
+        "close": f"0 to {squeeze[0]:.3g}",
+        "carry": f"{squeeze.min():.3g} to {squeeze.max():.3g}",
+        "open": f"{squeeze[-1]:.3g} to 0",
+    }
+    return [
+        (
+            phase.name,
+            _WHAT[phase.name],
+            f"{phase.duration:.2f}",
+            forces.get(phase.name, "0"),
+            f"{100 * (abs(phase.torques) / effort).max():.0f} %",
+            f"{100 * (abs(phase.dq) / velocity).max():.0f} %",
+        )
+        for phase in plan.phases
+    ]
+
+
+def _answer(plan: PickRecord, simulation: PickSimulation | None) -> list[Finding]:
+    squeeze = plan.carry.normal_forces.sum(axis=1)
+    answers = [
+        Finding(
+            "Does it go?",
+            f"{plan.status}: {plan.duration:.3g} s, after {plan.tried} grasps.",
+            "caution" if plan.cautions else "yes",
+        ),
+        Finding("How hard?", f"{squeeze.min():.3g} to {squeeze.max():.3g} N of normal force in all on the way."),
+        Finding("How much friction?", f"Up to {100 * plan.carry.friction_use.max():.0f} % of what is relied on."),
+    ]
+    if simulation is None:
+        return [*answers, Finding("Simulated?", "Not yet: --check.")]
+    told = "; ".join(line.strip() for line in str(simulation).splitlines())
+    return [*answers, Finding("Did it come about?", f"{told}.", "yes" if simulation.done else "no")]
