@@ -20,6 +20,7 @@ from pinograsp.spatial import Array
 # [m, rad] under loads that come slowly, half of what counts as lost: those that come at once give twice as much.
 _SWAYS = (2.5e-3, np.radians(5.0))
 _SERVOS = "with servos of"
+OWN = "the grasp's own plan is doubtful:"  # how cautions that are the grasp's begin
 _HALF_TURN = np.pi + 1e-3  # [rad] as few digits give it
 
 
@@ -31,7 +32,7 @@ def doubt_grasp(grasp: GraspPlan, *, arm_in_hand: bool) -> list[str]:
     doubts = list(grasp.cautions) if grasp.status is Status.DOUBTFUL else []
     if arm_in_hand:
         doubts = [one for one in doubts if not one.startswith(_SERVOS)]
-    return [f"the grasp's own plan is doubtful: {one}" for one in doubts]
+    return [f"{OWN} {one}" for one in doubts]
 
 
 def doubt_path(robot: HandModel, path: ArmPath) -> list[str]:

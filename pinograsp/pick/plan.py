@@ -32,7 +32,7 @@ from pinograsp.pick.record import PickPhase
 from pinograsp.pick.timing import time_path
 from pinograsp.pick.upright import Upright
 from pinograsp.pick.ways import find_way, is_straight, measure_way
-from pinograsp.planner import GraspPlan
+from pinograsp.planner import GraspPlan, PlanOptions
 from pinograsp.planner.best import plan_each
 from pinograsp.planner.planning import GraspTask
 from pinograsp.planner.stopwatch import Stopwatch
@@ -51,6 +51,7 @@ _HALVINGS = 4
 # [s] in which the squeeze ends where an object is put, and in which the hand opens then; between samples of that.
 _EASE, _OPENING, _EASED = 0.3, 0.8, 5e-3
 _LOOK = 0.01  # [rad or m] between postures of a spline that are looked at
+_SLOWER = 1.05  # times as long as joints need that would be too fast: forces change a little with the time, too
 _LEAST_TILT = 0.01  # [rad] that postures, splines and rounding take
 
 
@@ -137,7 +138,7 @@ def plan_pick(
     task = read_task(robot, body, scene, place, start, motion, conditions, rng)
     reacher, setting = Reacher(task, rng), ReachSetting(task)
     limits = limit_arm(task.robot, "effort", motion.speed, motion.acceleration, motion.reserve)
-    tried, doubtful, last = 0, None, ""
+    tried, doubtful = 0, None
     for round_, count in enumerate(_COUNTS):
         found = find_grasps(
             task.hand,
@@ -145,6 +146,7 @@ def plan_pick(
             conditions,
             wishes=wishes,
             scene=setting,
+            impact_time=0.5 * sum(conditions.impact_time_range),
             count=count,
             seed=seed + round_,
             jobs=jobs,
@@ -152,7 +154,6 @@ def plan_pick(
         )
         clock.stop("search")
         tried += reacher.count_refused(found)
-        last = found.explain()
         reached = list[Reached]()
         for grasp in found.grasps:
             if len(reached) == _ENOUGH:
@@ -168,6 +169,8 @@ def plan_pick(
         for plan in plans:
             clock.stop("forces")
             chosen = next(one for one in reached if one.grasp.closure is plan.closure)
+            plan = _slow_closing(plan, conditions)
+            clock.stop("forces")
             if plan.status not in (Status.OK, Status.DOUBTFUL):
                 reacher.reasons[f"plan {plan.status.value}"] += 1
                 continue
@@ -187,7 +190,7 @@ def plan_pick(
             return _finish(doubtful, tried, clock)
         if not found.grasps and reacher.reasons:
             break  # there is hardly room for the hand
-    raise PickFailed(_explain(tried, reacher, last), dict(reacher.reasons))
+    raise PickFailed(_explain(tried, reacher, found), dict(reacher.reasons))
 
 
 def read_task(
@@ -250,6 +253,24 @@ def read_task(
     return task
 
 
+def _slow_closing(plan: GraspPlan, conditions: GraspConditions) -> GraspPlan:
+    """The plan; where its hand would close faster than its joints can, one that takes as long as they need."""
+    limit = np.where(plan.hand.velocity > 0, plan.hand.velocity, np.inf)
+    factor = _SLOWER * float((np.abs(plan.motion.dq) / limit).max())
+    if factor <= _SLOWER or plan.closure is None:
+        return plan
+    first, last = conditions.impact_time_range
+    slower = replace(
+        conditions,
+        final_time=factor * conditions.final_time,
+        impact_time_range=(factor * first, factor * last),
+    )
+    try:
+        return GraspTask.of_closure(plan.closure, slower, PlanOptions(), progress=False).attempt()
+    except NoGrasp:
+        return plan
+
+
 def _finish(made: PickPlan, tried: int, clock: Stopwatch) -> PickPlan:
     """The plan with what takes a while and is told of none but this one."""
     grasp = made.grasp.with_tolerance()
@@ -261,9 +282,10 @@ def _only(found: GraspSearch, reached: list[Reached]) -> GraspSearch:
     return replace(found, grasps=tuple(one.grasp for one in reached))
 
 
-def _explain(tried: int, reacher: Reacher, last: str) -> str:
-    if not tried:
-        return f"no grasp was found, the hand by itself does not hold this object: {last}"
+def _explain(tried: int, reacher: Reacher, last: GraspSearch) -> str:
+    """Why nothing goes: what kept the arm from grasps, or, where none was found, what the search of them says."""
+    if not last.grasps and sum(reacher.reasons.values()) < last.tried:
+        return f"no grasp was found where the arm brings the hand: {last.explain()}"
     parts = ", ".join(f"{count} {reason}" for reason, count in reacher.reasons.most_common())
     return f"none of {tried} grasps goes: {parts}"
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from pinograsp.carry import CarryPlan
+from pinograsp.carry.cautions import OWN
 from pinograsp.checks import brief, items_of, number, one_of
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.handover import JointTrajectory
@@ -115,7 +116,8 @@ class PickRecord:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Of the grasp and of the way with the object, each once."""
-        return tuple(dict.fromkeys((*self.grasp.cautions, *self.carry.cautions)))
+        own = [one for one in self.carry.cautions if not one.startswith(OWN)]  # these are the grasp's
+        return tuple(dict.fromkeys((*self.grasp.cautions, *own)))
 
     def summary(self) -> dict[str, Any]:
         """The plan's figures as plain JSON values, units in the names."""

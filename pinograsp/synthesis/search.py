@@ -198,7 +198,7 @@ def find_grasps(
         conditions: friction, limits and what is to be balanced.
         wishes: by which fingers, where and from which side it is to be held.
         scene: what stands around: the open hand keeps its distance. Where the object stands on some of it, ``table`` is
-            on. Or another :class:`Setting`, of what else keeps hands from places.
+            on. Or another :class:`Setting`, of what else keeps hands from places: then ``near``, ``unmet`` are empty.
         count: samples; up to four times as many, as long as no grasp withstands the reserve on contacts that are sure,
             and firmly, and the object is not too large; without wishes up to eight times where some withstand it, but
             not so.
@@ -228,6 +228,7 @@ def find_grasps(
     flag("wrap", wrap)
     instance_of("wishes", wishes, Wishes)
     wrap |= wishes.palm is True
+    explains = scene is None or isinstance(scene, Scene)
     if isinstance(scene, Scene):
         conditions = replace(conditions, table=conditions.table or bool(scene.find_supports(body)))
         scene = Surroundings(scene, body)
@@ -255,7 +256,7 @@ def find_grasps(
                 hopeless = (too_large and (not run.found or i + 1 == _PINCHING)) or run.refused
                 if hopeless or any(grasp.sound == SOUND for grasp in run.found):
                     break
-            lacking = not run.refused and not any(grasp.withstands for grasp in run.found)
+            lacking = explains and not run.refused and not any(grasp.withstands for grasp in run.found)
             unmet = (
                 _find_unmet(run, first, rounds[0], interrupt)
                 if lacking and (wishes.names or _tasks(conditions))

@@ -83,6 +83,7 @@ def test_motion_is_identified_with_a_hand(command, tmp_path):
     assert code == 2 and "nothing" in err
 
 
+@pytest.mark.slow
 def test_sheets_at_the_command_line(command, tmp_path):
     code, out, _ = command("hands", "so101", "--drives")
     assert code == 0 and command("hands", "so101", "--write-drives")[1] == out

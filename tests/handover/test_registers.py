@@ -91,6 +91,7 @@ def test_fingers_that_press_with_less_than_they_can_are_told(plan):
         closing_commands(replace(plan, hand=hand))
 
 
+@pytest.mark.slow
 def test_caps_are_kept_with_what_fingers_come_to_when_they_close():
     """A finger that closes until a limit comes to more than its median in some closings: those keep the cap, too."""
     ball, capped = pg.Sphere(radius=0.03, mass=0.4), replace(CONDITIONS, max_normal_force=6.0)
@@ -130,6 +131,7 @@ def test_what_has_no_registers_is_refused(plan, tmp_path):
     assert not (tmp_path / "a.csv").exists()
 
 
+@pytest.mark.slow
 def test_more_than_a_drive_holds_for_long_and_less_than_its_backlash_are_cautions():
     hand, body = pg.load_hand("panda", drives="franka_hand"), pg.Box(size=(0.04, 0.04, 0.06), mass=2.5)
     heavy = plan_best(

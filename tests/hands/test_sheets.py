@@ -152,6 +152,7 @@ def test_missing_sheets_are_refused_with_those_there_are(tmp_path):
         pg.load_hand("so101", drives=tmp_path / "none.toml")
 
 
+@pytest.mark.slow
 def test_reserves_take_the_intervals_of_sheets(tmp_path):
     """Jaws that may be 20 % weak press with a fifth more, and with 0.3 where nobody has measured it."""
     body, sums = pg.Box(size=(0.04, 0.04, 0.06), mass=0.2), {}

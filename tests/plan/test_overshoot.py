@@ -52,6 +52,7 @@ def test_drives_that_may_be_off_touch_gently_under_a_cap(grasps):
     assert set(capped.elapsed) == set(free.elapsed)
 
 
+@pytest.mark.slow
 def test_no_cap_that_matters_changes_nothing(grasps):
     free = pg.plan_best(grasps, replace(CONDITIONS, reserve=pg.Reserve(drive=0.3)))
     wide = pg.plan_best(grasps, replace(free.conditions, max_normal_force=500.0))

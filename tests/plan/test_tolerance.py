@@ -219,6 +219,7 @@ def test_geometry_that_the_core_does_not_know_is_left_out(plan):
         plan.with_tolerance(0.005)
 
 
+@pytest.mark.slow
 def test_an_object_that_drops_before_the_squeeze_has_it_is_told():
     """Held by nothing but the hand from the touch on: half a second of squeeze lets it fall, a twentieth does not."""
     box = pg.Box(size=(0.05, 0.05, 0.12), mass=0.3)

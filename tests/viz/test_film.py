@@ -88,6 +88,7 @@ def test_films_say_what_they_expect(plan, tmp_path, monkeypatch):
         plan.film(tmp_path / "grasp.mp4")
 
 
+@pytest.mark.slow
 def test_films_are_written_as_mp4_where_ffmpeg_is(plan, tmp_path):
     if shutil.which("ffmpeg") is None:
         pytest.importorskip("imageio_ffmpeg", reason="films as .mp4 need ffmpeg: pip install 'pinograsp[viz]'")
