@@ -1,10 +1,11 @@
 """Picking at random places: is there a plan, and does it come about in the simulation?
 
     python benchmarks/pick.py --seed 7 --count 20 [--robots panda ...] [--errors] [--recompute]
-        [--reference 3000] [--json]
+        [--reference 3000] [--files FOLDER] [--json]
 
 Robots: a Panda with its jaws, a UR5 with the Panda's jaws, a Panda with an Allegro hand, the right arm of a G1 with its
-hand. A can, a box, a mug, a bottle or a ball stands on a table at a random place and is to be put half a metre away,
+hand. With ``--files FOLDER``, in which the makers' repositories Universal_Robots_ROS2_Description and
+ros2_robotiq_gripper are, a UR5e with a 2F-85 takes the UR5's place. A can, a box, a mug, a bottle or a ball stands on a table at a random place and is to be put half a metre away,
 with a box and a wall in the way in every other trial. Each plan is simulated with a free object and the robot's own
 servos: done is what was lifted, carried and put down within 10 mm and 10 deg, nothing else touched. With
 ``--errors`` the object is 5 mm and 5 deg off its place, 10 % heavier, its friction 0.9 of the planned. With
@@ -41,7 +42,7 @@ MU = 0.6
 ROBOTS = ("panda", "ur5_panda_jaws", "panda_allegro", "g1")
 
 
-def load_robot(name: str) -> tuple[pg.HandModel, tuple[float, float, float]]:
+def load_robot(name: str, files: Path | None = None) -> tuple[pg.HandModel, tuple[float, float, float]]:
     """A robot, and where objects stand for it: nearest and farthest distance from its axis, height of the table [m]."""
     panda = {"panda_joint2": -0.5, "panda_joint4": -2.0, "panda_joint6": 1.6, "panda_joint7": 0.8}
     if name == "panda":
@@ -56,8 +57,19 @@ def load_robot(name: str) -> tuple[pg.HandModel, tuple[float, float, float]]:
             file_of("panda"), "allegro_right", link="panda_link8", at=at, remove=["panda_hand"], posture=panda
         )
         return robot, (0.4, 0.6, 0.0)
+    home = {"shoulder_lift_joint": -1.5, "elbow_joint": 1.6, "wrist_1_joint": -1.6, "wrist_2_joint": -1.57}
+    if name == "ur5_panda_jaws" and files is not None:
+        ur, robotiq = files / "Universal_Robots_ROS2_Description", files / "ros2_robotiq_gripper/robotiq_description"
+        robot = pg.attach(
+            ur / "urdf/ur.urdf.xacro",
+            robotiq / "urdf/robotiq_2f_85_gripper.urdf.xacro",
+            link="tool0",
+            posture=home,
+            packages={"ur_description": ur, "robotiq_description": robotiq},
+            xacro_args={"name": "ur5e", "ur_type": "ur5e"},
+        )
+        return robot, (0.4, 0.6, 0.0)
     if name == "ur5_panda_jaws":
-        home = {"shoulder_lift_joint": -1.5, "elbow_joint": 1.6, "wrist_1_joint": -1.6, "wrist_2_joint": -1.57}
         file = file_of("panda").parents[2] / "ur_description/urdf/ur5_robot.urdf"
         return pg.attach(file, "panda", link="tool0", posture=home), (0.4, 0.6, 0.0)
     tips = {finger.name: finger.tip for finger in pg.load_hand("g1_right").fingers}
@@ -88,23 +100,26 @@ def main() -> None:
     parser.add_argument("--errors", action="store_true")
     parser.add_argument("--recompute", action="store_true")
     parser.add_argument("--reference", type=int, default=0)
+    parser.add_argument("--files", type=Path)
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     rng, rows = np.random.default_rng(args.seed), list[dict[str, object]]()
     first = header(["pin", "pin-pink", "ompl", "mujoco-core", "pinograsp"], f"seed {args.seed}", f"{args.count} trials")
-    robots = {name: load_robot(name) for name in args.robots}
+    robots = {name: load_robot(name, args.files) for name in args.robots}
     objects = load_objects()
     for i in tqdm(range(args.count)):
         name, thing = args.robots[i % len(args.robots)], list(objects)[rng.integers(len(objects))]
         (robot, (near, far, height)), crowded = robots[name], i // len(args.robots) % 2 == 1
         rows.append(_try(rng, robot, objects[thing], near, far, height, crowded=crowded, args=args))
-        rows[-1] = {"robot": name, "object": thing, "crowded": crowded, **rows[-1]}
+        rows[-1] = {"robot": robot.name, "object": thing, "crowded": crowded, **rows[-1]}
         write_rows(HERE / "pick.csv", first, rows)
     print(first)
-    print(table([_summarize(name, [row for row in rows if row["robot"] == name]) for name in args.robots]))
+    names = [robots[name][0].name for name in args.robots]
+    print(table([_summarize(name, [row for row in rows if row["robot"] == name]) for name in names]))
     took = [float(str(row["seconds"])) for row in rows if row["planned"]]
     found = {
         "count": len(rows),
+        **({"reachable": sum(bool(row["planned"] or row.get("reachable")) for row in rows)} if args.reference else {}),
         "planned": sum(bool(row["planned"]) for row in rows),
         "done": sum(bool(row["done"]) for row in rows),
         "median_s": float(np.median(took)) if took else None,
