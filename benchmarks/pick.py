@@ -5,14 +5,15 @@
 
 Robots: a Panda with its jaws, a UR5 with the Panda's jaws, a Panda with an Allegro hand, the right arm of a G1 with its
 hand. With ``--files FOLDER``, in which the makers' repositories Universal_Robots_ROS2_Description and
-ros2_robotiq_gripper are, a UR5e with a 2F-85 takes the UR5's place. A can, a box, a mug, a bottle or a ball stands on a table at a random place and is to be put half a metre away,
-with a box and a wall in the way in every other trial. Each plan is simulated with a free object and the robot's own
-servos: done is what was lifted, carried and put down within 10 mm and 10 deg, nothing else touched. With
-``--errors`` the object is 5 mm and 5 deg off its place, 10 % heavier, its friction 0.9 of the planned. With
-``--recompute`` plans are not simulated: speeds, accelerations and torques (by RNEA, with the object) are computed anew
-at 1 kHz, as shares of their limits, and distances from what stands around (by coal), less what is to be kept. With
-``--reference`` it is told for trials without a plan whether the arm reaches any of the grasps of so many samples, from
-50 postures each. Writes pick.csv beside this file; the last line is JSON with ``--json``. Some 10 s for each trial.
+ros2_robotiq_gripper are, a UR5e with a 2F-85 takes the UR5's place. A can, a box, a mug, a bottle or a ball stands on a
+table at a random place and is to be put half a metre away, with a box and a wall in the way in every other trial. Each
+plan is simulated with a free object and the robot's own servos: done is what was lifted, carried and put down within
+10 mm and 10 deg, nothing else touched. With ``--errors`` the object is 5 mm and 5 deg off its place, 10 % heavier, its
+friction 0.9 of the planned. With ``--recompute`` plans are not simulated: speeds, accelerations and torques (by RNEA,
+with the object) are computed anew at 1 kHz, as shares of their limits, and distances from what stands around (by coal),
+less what is to be kept. With ``--reference`` it is told for trials without a plan whether the arm reaches any of the
+grasps of so many samples, from 50 postures each. Writes pick.csv beside this file; the last line is JSON with
+``--json``. Some 10 s for each trial.
 """
 
 from __future__ import annotations
