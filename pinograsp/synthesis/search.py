@@ -9,19 +9,11 @@ long as that improves them, and closed with the exact geometry in the end.
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import pickle
-import tempfile
-import time
-import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from pinograsp import defaults
 from pinograsp.checks import brief, flag, instance_of, integer, number, processes
@@ -30,39 +22,32 @@ from pinograsp.contacts import (
     ContactSet,
     check_geometry,
 )
-from pinograsp.errors import GraspNotFound, InvalidInput, PinograspError
+from pinograsp.errors import GraspNotFound, PinograspError
 from pinograsp.forces import GraspConditions, Task
 from pinograsp.hands import HandModel
 from pinograsp.hands.joint_limits import PLACEHOLDERS
 from pinograsp.hands.load import ON_ROOT
-from pinograsp.interrupts import interrupts_kept, parallel_results
+from pinograsp.interrupts import interrupts_kept
 from pinograsp.motion import effort_of
 from pinograsp.objects import Scene
 from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.synthesis.found import SOUND, FoundGrasp
-from pinograsp.synthesis.near import what_would_do, wider_conditions
+from pinograsp.synthesis.near import what_would_do
 from pinograsp.synthesis.samples import (
     MISSED,
-    Batch,
     SearchCase,
-    hand_of_hulls,
-    make_batch,
     make_search_case,
-    scene_of,
 )
+from pinograsp.synthesis.search_run import BATCH, SearchRun, plain_error, rank
 from pinograsp.synthesis.setting import REFUSED, Setting, Surroundings
 from pinograsp.synthesis.wishes import NO_WISHES, WishCheck, Wishes
-from pinograsp.writing import write_errors
 
 _MOST = 100_000  # samples
 _NO_WAY = "Its fingertips come together nowhere on their way: look at the joints' axes and limits (view shows them)"
 _ROUNDS, _MOST_ROUNDS = 4, 8  # times ``count`` samples are tried, as long as no grasp is sound; where some withstand
 _PINCHING = 2  # of four rounds: where nothing is sound, the others look for power grasps
-_NEAR = 2  # grasps of wider conditions that are kept
 _FEW = 6  # batches that are searched without a wish, to say whether it is in the way
-_BATCH = 4  # samples, of which the best is refined
-_POOL, _PROCESS = 4.0, 0.5  # [s] that it takes other processes to start, and to take up a case
 _TOO_LARGE, _TOO_SMALL = 10.0, 100.0  # times: such an object was drawn in other units; walls may be thin
 
 
@@ -147,7 +132,7 @@ class GraspSearch:
             good = sum(grasp.withstands for grasp in self.grasps)
             which = "" if good == len(self.grasps) else f" ({good} with a squeeze that withstands the reserve)"
             grasps = _count(len(self.grasps), "grasp")
-            text = f"{grasps}{which} from {samples}, the best of every {_BATCH} moved about. As drawn: {counts}"
+            text = f"{grasps}{which} from {samples}, the best of every {BATCH} moved about. As drawn: {counts}"
             remark = [] if good else [self.size_remark, *advice]
             return "\n".join(filter(None, [text, *remark, *self.unmet, *self.advice]))
         text, (least, largest) = f"no grasp of {samples} holds the object: {counts}", self.opening
@@ -238,11 +223,11 @@ def find_grasps(
     try:
         case = make_search_case(hand, body, conditions, impact_time, wrap, np.random.default_rng(first), wishes, scene)
     except Exception as error:
-        raise _plain(error) from None
+        raise plain_error(error) from None
     widths = [one.width for one in case.preshapes]
     opening = max(0.0, min(widths, default=0.0)), max(widths, default=0.0)
     width = float(min(case.pairs.widths, default=np.inf))
-    run = _Run(case, count, jobs, progress)
+    run = SearchRun(case, count, jobs, progress)
     too_large = width > opening[1]
     # Meshes are heavy: they go to every process once, and never come back.
     with run.on_disk(), interrupts_kept() as interrupt:
@@ -273,7 +258,7 @@ def find_grasps(
     run.bar.close()
     near = tuple(_with_bodies(hand, body, one) for one in near)
     return GraspSearch(
-        grasps=tuple(_with_bodies(hand, body, one) for one in _rank(run.found)),
+        grasps=tuple(_with_bodies(hand, body, one) for one in rank(run.found)),
         tried=sum(run.outcomes.values()),
         outcomes=run.outcomes,
         opening=opening,
@@ -287,7 +272,7 @@ def find_grasps(
 
 
 def _find_unmet(
-    run: _Run, first: np.random.SeedSequence, seed: np.random.SeedSequence, interrupt: Callable[[], None]
+    run: SearchRun, first: np.random.SeedSequence, seed: np.random.SeedSequence, interrupt: Callable[[], None]
 ) -> tuple[str, ...]:
     """Which wishes are in the way, in words: a round of samples without each of them, then without all.
 
@@ -337,108 +322,6 @@ def _as_text(value: object) -> str:
     return str(value.tolist()) if isinstance(value, np.ndarray) else str(value)
 
 
-def _rank(found: list[FoundGrasp]) -> list[FoundGrasp]:
-    """Best first."""
-    return sorted(found, key=lambda one: one.worth, reverse=True)
-
-
-class _Run:
-    """The batches of a search, here or in other processes."""
-
-    def __init__(self, case: SearchCase, count: int, jobs: int, progress: bool | None):
-        self.case, self.jobs = case, jobs
-        self.sizes = [min(_BATCH, count - i) for i in range(0, count, _BATCH)]
-        self.found: list[FoundGrasp] = []
-        self.outcomes: dict[str, int] = {}
-        self.interrupted = False
-        self.folder: str | None = None
-        self.spent, self.done, self.started = 0.0, 0, False  # [s] and batches here; whether there are processes
-        disable = None if progress is None else not progress
-        self.bar = tqdm(total=0, desc="grasps", unit="sample", disable=disable, leave=False)
-
-    @contextlib.contextmanager
-    def on_disk(self) -> Iterator[None]:
-        """With a folder for the case, from which other processes read it."""
-        with tempfile.TemporaryDirectory() as folder:
-            self.folder = folder
-            yield
-
-    def batches(self, seed: np.random.SeedSequence, interrupt: Callable[[], None], *, wrap: bool) -> None:
-        """One round of samples."""
-        case = replace(self.case, wrap=wrap)
-        for batch in self._round(case, seed, interrupt, self.sizes):
-            for outcome in batch.outcomes:
-                self.outcomes[outcome] = self.outcomes.get(outcome, 0) + 1
-            if batch.grasp is not None:
-                self.found.append(batch.grasp)
-        interrupt()
-
-    @property
-    def refused(self) -> bool:
-        """Whether there was room for none of the samples."""
-        return all(what.startswith(REFUSED) for what in self.outcomes)
-
-    def other_round(
-        self,
-        case: SearchCase,
-        seed: np.random.SeedSequence,
-        interrupt: Callable[[], None],
-        batches: int | None = None,
-    ) -> list[FoundGrasp]:
-        """What one round of samples of another case finds, or so many whole ``batches``."""
-        sizes = self.sizes if batches is None else [_BATCH] * batches
-        results = self._round(case, seed, interrupt, sizes)
-        return [batch.grasp for batch in results if batch.grasp is not None]
-
-    def _round(
-        self, case: SearchCase, seed: np.random.SeedSequence, interrupt: Callable[[], None], sizes: Sequence[int]
-    ) -> Iterator[Batch]:
-        """Batches of these sizes, told to the bar; between them the search may be stopped."""
-        self.bar.total += sum(sizes)
-        for batch in self._results(case, seed, sizes):
-            self.bar.update(len(batch.outcomes))
-            yield batch
-            interrupt()
-
-    def near(self, seed: np.random.SeedSequence, interrupt: Callable[[], None]) -> tuple[FoundGrasp, ...]:
-        """The best grasps of wider conditions, for what is in the way of the given ones: the first round again
-        without the limits of forces and torques, then with more friction as well.
-        """
-        for conditions in wider_conditions(self.case.conditions):
-            found = self.other_round(replace(self.case, conditions=conditions), seed, interrupt)
-            if any(one.withstands for one in found):
-                return tuple(_rank(found)[:_NEAR])
-        return ()
-
-    def _results(self, case: SearchCase, seed: np.random.SeedSequence, sizes: Sequence[int]) -> Iterator[Batch]:
-        work = list(zip(seed.spawn(len(sizes)), sizes))
-        for i, (batch, size) in enumerate(work):
-            if self._pays(len(work) - i):
-                yield from self._results_elsewhere(case, work[i:])
-                return
-            started = time.perf_counter()
-            result = _try(case, batch, size)
-            self.spent, self.done = self.spent + time.perf_counter() - started, self.done + 1
-            yield _unwrap(result)
-
-    def _pays(self, batches: int) -> bool:
-        """Whether other processes, which take a while to start, are done with so many batches before this one is."""
-        import joblib  # slow to import
-
-        jobs = min(joblib.effective_n_jobs(self.jobs), batches)
-        if jobs < 2 or not self.done:
-            return False
-        start = _PROCESS if self.started else _POOL
-        return bool(self.spent / self.done * batches * (1.0 - 1.0 / jobs) > start)
-
-    def _results_elsewhere(self, case: SearchCase, work: list[tuple[np.random.SeedSequence, int]]) -> Iterator[Batch]:
-        path = Path(str(self.folder)) / f"case-{self.bar.total}.pickle"
-        task, self.started = _in_a_file(case, path), True
-        calls = ((task, batch, size) for batch, size in work)
-        with parallel_results(_try, calls, self.jobs, return_as="generator") as results:
-            yield from map(_unwrap, results)
-
-
 def _remarks(hand: HandModel) -> tuple[str, ...]:
     """What in a hand's description may be in the way of any grasp."""
     remarks = [note.removeprefix(ON_ROOT) for note in hand.notes if note.startswith((ON_ROOT, PLACEHOLDERS))]
@@ -466,48 +349,3 @@ def _check(hand: HandModel, body: Body, conditions: GraspConditions, impact_time
     problem = conditions.problem(body, ContactSet(contacts=(contact,), com_o=at + [0.0, 0.0, 1.0]))
     problem.checked_impact_time(impact_time)
     effort_of(hand, conditions.torque_limit)
-
-
-def _in_a_file(case: SearchCase, path: Path) -> str:
-    """Write the case to a file, for other processes; its name."""
-    import cloudpickle
-
-    try:
-        content = cloudpickle.dumps(replace(case, rough=case.hand, scene=None))  # found again there
-    except (pickle.PicklingError, TypeError, AttributeError) as error:
-        raise InvalidInput(
-            f"find_grasps: hand, object or conditions cannot go to other processes ({error}): use jobs=1"
-        ) from None
-    with write_errors(path):
-        path.write_bytes(content)
-    return str(path)
-
-
-@functools.lru_cache(maxsize=1)
-def _case(path: str) -> SearchCase:
-    case: SearchCase = pickle.loads(Path(path).read_bytes())
-    rough = hand_of_hulls(case.hand)
-    return replace(case, rough=rough, scene=scene_of(rough, case.body))
-
-
-def _try(case: SearchCase | str, seed: np.random.SeedSequence, size: int) -> Batch | Exception:
-    """A batch of samples, or the error that it ended in."""
-    try:
-        return make_batch(_case(case) if isinstance(case, str) else case, np.random.default_rng(seed), size)
-    except Exception as error:
-        return _plain(error)
-
-
-def _unwrap(batch: Batch | Exception) -> Batch:
-    if isinstance(batch, Exception):
-        raise batch
-    return batch
-
-
-def _plain(error: Exception) -> PinograspError:
-    """An error that survives the way to another process, and says where others' code failed."""
-    if isinstance(error, PinograspError):
-        return (InvalidInput if isinstance(error, InvalidInput) else PinograspError)(str(error))
-    at = traceback.extract_tb(error.__traceback__)[-1]
-    what = f"{type(error).__name__}: {error} (in {at.name}, {at.filename}, line {at.lineno})"
-    return PinograspError(f"find_grasps: the search failed with {what}")

@@ -237,8 +237,8 @@ def test_without_a_reserve_samples_are_ranked_by_what_they_withstand(allegro, ba
 @pytest.fixture
 def at_once(monkeypatch):
     """Other processes take part from the second batch on, however long they take to start."""
-    monkeypatch.setattr("pinograsp.synthesis.search._POOL", 0.0)
-    monkeypatch.setattr("pinograsp.synthesis.search._PROCESS", 0.0)
+    monkeypatch.setattr("pinograsp.synthesis.search_run._POOL", 0.0)
+    monkeypatch.setattr("pinograsp.synthesis.search_run._PROCESS", 0.0)
 
 
 def test_processes_are_started_where_they_pay(monkeypatch):
@@ -248,11 +248,11 @@ def test_processes_are_started_where_they_pay(monkeypatch):
         started.append(jobs)
         return contextlib.nullcontext(map(lambda each: function(*each), list(arguments)))
 
-    monkeypatch.setattr("pinograsp.synthesis.search.parallel_results", parallel)
+    monkeypatch.setattr("pinograsp.synthesis.search_run.parallel_results", parallel)
     panda, ball = load_hand("panda"), Sphere(radius=0.02, mass=0.1)
     alone = find_grasps(panda, ball, count=12, seed=6, jobs=2, **SETTINGS)
     assert not started
-    monkeypatch.setattr("pinograsp.synthesis.search._POOL", 0.0)
+    monkeypatch.setattr("pinograsp.synthesis.search_run._POOL", 0.0)
     assert find_grasps(panda, ball, count=4, seed=6, jobs=2, **SETTINGS).tried == 4 and not started  # one batch
     together = find_grasps(panda, ball, count=12, seed=6, jobs=2, **SETTINGS)
     assert started == [2] and together.outcomes == alone.outcomes
@@ -537,7 +537,7 @@ def test_contacts_where_links_are_hollow_come_last_and_are_told(monkeypatch):
     monkeypatch.setattr(
         "pinograsp.synthesis.samples._MOST_TRIES", 0
     )  # the search leaves hollow places alone where it can
-    monkeypatch.setattr("pinograsp.synthesis.search._BATCH", 1)
+    monkeypatch.setattr("pinograsp.synthesis.search_run.BATCH", 1)
     body = Cylinder(radius=0.03, height=0.12, mass=0.2)
     search = find_grasps(load_hand("talos_left"), body, count=12, seed=3, jobs=1, **SETTINGS)
     seen = []
