@@ -9,6 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from pinograsp.carry import ArmPath, CarryPlan, plan_carry
 from pinograsp.carry.constraints import ArmLimits
+from pinograsp.carry.limits import find_disturbance
 from pinograsp.carry.plan import RAMP, SqueezeName
 from pinograsp.carry.simulation import close_for_way
 from pinograsp.errors import NoGrasp
@@ -28,7 +29,7 @@ from pinograsp.planner.stopwatch import Stopwatch
 from pinograsp.spatial import Array
 
 _INTERVALS = 250  # of the way with the object
-_LESS = 1 / 3  # of the reserve and of the accelerations, where a grasp leaves no more
+_LESS = 1 / 3  # of the reserve, of accelerations, then of the disturbance besides, where a grasp leaves no more
 _OVER = (0.08, 0.16, 0.24)  # [m] straight up, for ways over what is between
 _LONG = 1.6  # times the straight way in the joints: others are looked for
 _FINE = 0.1  # [rad or m] between waypoints of a way, halved until its spline is free
@@ -97,14 +98,21 @@ class PickMaker:
     def _carry(self, path: ArmPath) -> CarryPlan | str:
         """The way with the object, with the reserve that is wished, or with what the grasp leaves of it."""
         why = ""
-        kinds: tuple[tuple[float, SqueezeName], ...] = ((1.0, "constant"), (_LESS, "constant"), (_LESS, "least"))
-        for share, squeeze in kinds:
+        pushed, _ = find_disturbance(self.plan, self.task.body, None)
+        kinds: tuple[tuple[float, SqueezeName, float], ...] = (
+            (1.0, "constant", pushed),
+            (_LESS, "constant", pushed),
+            (_LESS, "least", pushed),
+            (_LESS, "least", _LESS * pushed),
+        )
+        for share, squeeze, disturbance in kinds:
             try:
                 return plan_carry(
                     self.task.robot,
                     self.plan,
                     path,
                     squeeze=squeeze,
+                    disturbance=disturbance if disturbance < pushed else None,
                     intervals=_INTERVALS,
                     reserve=share * self.motion.reserve,
                     acceleration=share * np.asarray(self.motion.acceleration),
