@@ -10,17 +10,16 @@ from scipy.interpolate import PchipInterpolator
 
 from pinograsp.carry.path import ArmPath
 from pinograsp.carry.timing import Timing
-from pinograsp.checks import brief, number
-from pinograsp.errors import InvalidInput, Status
+from pinograsp.checks import brief
+from pinograsp.errors import Status
 from pinograsp.handover import JointTrajectory
 from pinograsp.handover.quintic import interpolate
+from pinograsp.handover.sampling import sample_times
 from pinograsp.hands import HandModel
 from pinograsp.motion.torques import drives_limit
 from pinograsp.plan import Motion
 from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
-
-_MOST = 1_000_000  # samples: more is a mistyped rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,13 +196,11 @@ class CarryRecord:
         Raises:
             InvalidInput: a rate that is not above 0, or millions of samples.
         """
-        step = 1.0 / number("rate", rate, above=0, unit="Hz")
-        if self.duration > _MOST * step:
-            raise InvalidInput(f"rate: expected fewer than {_MOST} samples in {self.duration:.4g} s, got {rate:g} Hz")
-        times = np.append(np.arange(0.0, self.duration - 0.5 * step, step), self.duration)
+        times = sample_times(self.duration, rate)
         moving = self.timing.at(times)
         point, v, a = self.path.at(moving.s), moving.speed[:, None], moving.acceleration[:, None]
         # Before the first sample and after the last the squeeze stays.
+        step = times[1]
         instants = np.concatenate([[-step], self.instants, [self.duration + step]])
         ends = np.concatenate([self.commanded_q[:1], self.commanded_q, self.commanded_q[-1:]])
         fingers = PchipInterpolator(instants, ends)

@@ -11,9 +11,10 @@ from scipy.interpolate import CubicHermiteSpline
 
 from pinograsp.carry import CarryPlan
 from pinograsp.carry.cautions import OWN
-from pinograsp.checks import brief, items_of, number, one_of
-from pinograsp.errors import InvalidInput, Status
+from pinograsp.checks import brief, items_of, one_of
+from pinograsp.errors import Status
 from pinograsp.handover import JointTrajectory
+from pinograsp.handover.sampling import sample_times
 from pinograsp.hands import HandModel
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.objects import Scene
@@ -21,8 +22,6 @@ from pinograsp.objects.body import Body
 from pinograsp.planner import GraspPlan
 from pinograsp.spatial import Array
 from pinograsp.words import lines_of
-
-_MOST = 1_000_000  # samples of a trajectory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,10 +145,7 @@ class PickRecord:
         """
         names = self.robot.joint_names if joints is None else items_of("joints", joints, str)
         which = [self.robot.joint_names.index(one_of("joints", name, self.robot.joint_names)) for name in names]
-        step = 1.0 / number("rate", rate, above=0, unit="Hz")
-        if self.duration > _MOST * step:
-            raise InvalidInput(f"rate: expected fewer than {_MOST} samples in {self.duration:.4g} s, got {rate:g} Hz")
-        times = np.arange(int(np.ceil(self.duration / step - 1e-9)) + 1) * step
+        times = sample_times(self.duration, rate)
         parts, begin = list[tuple[Array, ...]](), 0.0
         for i, phase in enumerate(self.phases):
             last = i == len(self.phases) - 1

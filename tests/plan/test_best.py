@@ -15,6 +15,7 @@ from pinograsp.hands import load_hand
 from pinograsp.objects import Sphere
 from pinograsp.plan.answer import does_it_hold
 from pinograsp.planner import plan_best
+from pinograsp.planner.best import plan_each
 from pinograsp.synthesis import find_grasps
 
 CONDITIONS = GraspConditions(mu=0.7, friction=Friction(model="soft", torsion=0.005))
@@ -67,3 +68,14 @@ def test_what_is_taken_was_simulated_where_asked(found):
     (told,) = (note for note in checked.notes if note.startswith("simulated ("))
     assert ": held, " in told and checked.status is plain.status
     assert "Not simulated yet" in does_it_hold(plain).text and "held" in does_it_hold(checked).text
+
+
+def test_all_plans_of_a_search_come_once_the_best_first(found):
+    plans = list(plan_each(found, CONDITIONS, progress=False))
+    assert plans[0].closure is plan_best(found, CONDITIONS, progress=False).closure
+    planned = [plan.closure for plan in plans]
+    assert len({id(closure) for closure in planned}) == len(planned) == len(found.grasps)
+    refused = []
+    too_gentle = replace(CONDITIONS, max_normal_force=0.05)
+    assert not list(plan_each(found, too_gentle, progress=False, refused=refused))
+    assert len(refused) == len(found.grasps)
