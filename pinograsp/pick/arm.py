@@ -24,6 +24,7 @@ _MEETS = 1e-3  # [m] by which the held object may be in what it stands on, and _
 _TOUCHES = 2e-4  # [m] of an arm's postures to 0.1 mm, and shapes that lie on each other
 _LIMIT = 0.01  # [rad or m] that splines and rounding may take of a joint's way
 _SELF = 0.0  # [m] between links of the robot
+_SPARE = 5e-4  # [m] more than the clearance: between looks, and for what smoothing takes of a way
 
 
 class Nearest(NamedTuple):
@@ -116,7 +117,7 @@ class Arm:
                 pairs.append((a, b))
                 # A hand may reach into what is hollow, as into a mug, whose hull stands for it here.
                 meets = -_MEETS if stands else -np.inf if hollow and self.names[b] == OBJECT else -_TOUCHES
-                margins.append(meets if stands or touches else self.scene.clearance)
+                margins.append(meets if stands or touches else self.scene.clearance + _SPARE)
         self._pairs = pairs
         return np.array(margins)
 

@@ -36,7 +36,7 @@ _FINE = 0.1  # [rad or m] between waypoints of a way, halved until its spline is
 _HALVINGS = 4
 # [s] in which the squeeze ends where an object is put, and in which the hand opens then; between samples of that.
 _EASE, _OPENING, _EASED = 0.3, 0.8, 5e-3
-_LOOK = 0.01  # [rad or m] between postures of a spline that are looked at
+_LOOK = 0.005  # [rad or m] between postures of a spline that are looked at
 
 
 class PickMaker:

@@ -15,14 +15,14 @@ from pinograsp.errors import ExtraMissing
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array
 
-_POINTS = 200  # of the path at which limits hold
+_POINTS, _BETWEEN = 200, 4  # of the path at which limits hold, at least, and from each waypoint to the next
 _STEP = 1e-3  # [s] of the motion
 _ANY = 1e9  # no limit
 _SPARE = 1e-9  # limits that are equal are none to TOPP-RA
 
 
 class Timed(NamedTuple):
-    """Motion of a robot's joints, from rest to rest, in steps of a millisecond: times (m,) [s], the others (m, n)."""
+    """Motion of a robot's joints, from rest to rest, in steps of about a millisecond: times (m,) [s], others (m, n)."""
 
     times: Array
     q: Array
@@ -72,14 +72,25 @@ def time_path(
         constraint.JointAccelerationConstraint(acceleration),
         constraint.JointTorqueConstraint(torques_of, torque, np.zeros(len(which))),
     ]
+    for kind in kinds:
+        kind.set_discretization_type(1)  # limits hold at both ends of each interval
     curve = toppra.SplineInterpolator(path.s, path.q)
-    solver = algorithm.TOPPRA(
-        kinds, curve, gridpoints=np.linspace(0.0, 1.0, _POINTS), parametrizer="ParametrizeConstAccel"
-    )
+    between = np.interp(np.arange(_BETWEEN * (len(path.s) - 1)) / _BETWEEN, np.arange(len(path.s)), path.s)
+    points = np.union1d(between, np.linspace(0.0, 1.0, _POINTS)).round(12)
+    solver = algorithm.TOPPRA(kinds, curve, gridpoints=np.unique(points), parametrizer="ParametrizeConstAccel")
     timed = solver.compute_trajectory(0.0, 0.0)
     if timed is None:
         return None
-    return _average(robot, which, q, timed, ramp)
+    motion = _average(robot, which, q, timed, ramp)
+    # Between the points of the path it may be beyond its limits by a little.
+    torques = np.array([pin.rnea(model, data, *row) for row in zip(motion.q, motion.dq, motion.ddq)])
+    still = np.array([pin.computeGeneralizedGravity(model, data, row) for row in motion.q])
+    own = [limit[which] for limit in (limits.torque, limits.speed, limits.acceleration)]
+    moving, left = np.abs(torques - still)[:, which], np.maximum(own[0] - np.abs(still[:, which]), _SPARE)
+    squares = [(moving / left).max(), (np.abs(motion.dq[:, which]) / own[1]).max() ** 2]
+    squares.append((np.abs(motion.ddq[:, which]) / own[2]).max())
+    slower = max(1.0, float(max(squares))) ** 0.5
+    return Timed(slower * motion.times, motion.q, motion.dq / slower, motion.ddq / slower**2)
 
 
 def _average(robot: HandModel, which: list[int], q: Array, timed: object, ramp: float) -> Timed:
