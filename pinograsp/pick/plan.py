@@ -30,6 +30,7 @@ from pinograsp.synthesis import GraspSearch, Wishes, find_grasps
 _COUNTS = (16, 48)
 _ENOUGH = 4  # grasps that are reached, after which no more are looked at
 _SLOWER = 1.05  # times as long as joints need that would be too fast: forces change a little with the time, too
+_MUCH = 3.0  # times as long as planned: fingers that flick, with which another grasp may do without
 
 
 def plan_pick(
@@ -86,7 +87,7 @@ def plan_pick(
     task = read_task(robot, body, scene, place, start, motion, conditions, rng)
     reacher, setting = Reacher(task, rng), ReachSetting(task)
     limits = limit_arm(task.robot, "effort", motion.speed, motion.acceleration, motion.reserve)
-    tried, doubtful = 0, None
+    tried, doubtful, slow = 0, None, None
     for round_, count in enumerate(_COUNTS):
         found = find_grasps(
             task.hand,
@@ -128,14 +129,17 @@ def plan_pick(
                 clock.stop("ways")
                 continue
             # Where the best grasp is doubtful all are; where the way with it is, another one may do.
+            if plan.motion.times[-1] > _MUCH * conditions.final_time:
+                slow = slow or made
+                continue
             if made.status is Status.OK or plan.status is not Status.OK:
                 return _finish(made, tried, clock)
             doubtful = doubtful or made
         if refused:
             reacher.reasons["cannot be held"] += len(refused)
         clock.stop("forces")
-        if doubtful is not None:
-            return _finish(doubtful, tried, clock)
+        if (second := doubtful or slow) is not None:
+            return _finish(second, tried, clock)
         if not found.grasps and reacher.reasons:
             break  # there is hardly room for the hand
     raise PickFailed(_explain(tried, reacher, found), dict(reacher.reasons))
