@@ -27,7 +27,7 @@ from pinograsp.planner.stopwatch import Stopwatch
 from pinograsp.synthesis import GraspSearch, Wishes, find_grasps
 
 # Samples of the searches, one after the other, until a grasp goes.
-_COUNTS = (16, 48)
+_COUNTS = (16, 32)
 _ENOUGH = 4  # grasps that are reached, after which no more are looked at
 _SLOWER = 1.05  # times as long as joints need that would be too fast: forces change a little with the time, too
 _MUCH = 3.0  # times as long as planned: fingers that flick, with which another grasp may do without

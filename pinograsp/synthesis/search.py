@@ -183,7 +183,8 @@ def find_grasps(
         conditions: friction, limits and what is to be balanced.
         wishes: by which fingers, where and from which side it is to be held.
         scene: what stands around: the open hand keeps its distance. Where the object stands on some of it, ``table`` is
-            on. Or another :class:`Setting`, of what else keeps hands from places: then ``near``, ``unmet`` are empty.
+            on. Or another :class:`Setting`, of what else keeps hands from places, for those who may search again: at
+            most half as many samples are tried where some withstand the reserve; ``near`` and ``unmet`` are empty.
         count: samples; up to four times as many, as long as no grasp withstands the reserve on contacts that are sure,
             and firmly, and the object is not too large; without wishes up to eight times where some withstand it, but
             not so.
@@ -233,8 +234,11 @@ def find_grasps(
     with run.on_disk(), interrupts_kept() as interrupt:
         try:
             for i, one in enumerate(rounds):
-                if i == _ROUNDS and (wishes.names or not any(grasp.withstands for grasp in run.found)):
+                some = any(grasp.withstands for grasp in run.found)
+                if i == _ROUNDS and (wishes.names or not some or not explains):
                     break
+                if i == _PINCHING and some and not explains:
+                    break  # whoever asks may ask again
                 power = i % _ROUNDS >= _PINCHING and wishes.palm is None
                 run.batches(one, interrupt, wrap=wrap or power)
                 # Off its middle, what is too large may be held all the same.
