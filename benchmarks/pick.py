@@ -191,6 +191,8 @@ def _is_reachable(robot: pg.HandModel, body: Body, scene: pg.Scene, place: np.nd
     """Whether the arm reaches any grasp that the hand by itself finds in so many samples."""
     rng = np.random.default_rng(count)
     task = read_task(robot, body, scene, place, None, PickMotion(), pg.GraspConditions(mu=MU, table=True), rng)
+    # Where nothing is sound it tries up to four times as many.
+    count = max(1, count // 4)
     found = pg.find_grasps(task.hand, body, pg.GraspConditions(mu=MU, table=True), count=count, seed=count)
     reacher = Reacher(task, rng, starts=50)
     return any(reacher.reach(grasp) is not None for grasp in found.grasps if grasp.withstands)
