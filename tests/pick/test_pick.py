@@ -189,6 +189,7 @@ def test_picks_come_back_from_their_folder(plan, tmp_path):
         load_pick(folder)
 
 
+@pytest.mark.slow
 def test_it_comes_about_in_the_simulation(plan):
     seen = simulate_pick(plan)
     assert seen.done and seen.nearest.spare > 0 and "done" in str(seen)

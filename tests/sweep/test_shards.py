@@ -76,8 +76,9 @@ def entries_of(folder):
 
 @pytest.mark.parametrize(
     ("counts", "block", "shards", "kills"),
-    [((40, 300, 7, 60), 32, 8, 3), pytest.param((3000, 100, 100, 12000, 800), 64, 64, 10, marks=pytest.mark.slow)],
+    [((40, 300, 7, 60), 32, 8, 3), ((3000, 100, 100, 12000, 800), 64, 64, 10)],
 )
+@pytest.mark.slow
 def test_grasps_in_shards_that_are_killed_are_those_of_one_process(tmp_path, monkeypatch, counts, block, shards, kills):
     rng, files = fresh_rng(), make_data(tmp_path, counts)
     for name, text in (
