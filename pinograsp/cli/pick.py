@@ -201,7 +201,7 @@ def _print(plan: PickPlan, simulation: PickSimulation | None, folder: Path, sess
     ]
     level = "caution" if plan.cautions else "yes"
     if simulation is not None:
-        told = "; ".join(str(simulation).splitlines())
+        told = "; ".join(line.strip() for line in str(simulation).splitlines())
         answers.append(("Did it come about?", told))
         level = level if simulation.done else "no"
     answers.append(("Results", f"{folder / 'report.html'}, beside it view.html, trajectory.csv, .json and .xml"))
