@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp import defaults
 from pinograsp.actuation import FACTORS, ForceBand, GainLimit, ObjectStiffness
-from pinograsp.checks import flag, instance_of, one_of, path_of
+from pinograsp.checks import flag, instance_of, number, one_of, path_of
 from pinograsp.contacts import Closure
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem, ForceSolution, GraspConditions, Reaction
@@ -239,6 +239,7 @@ class GraspPlan(PlanRecord):
                 "model: expected without command= and scene=, got both: controls follow from the model's own actuators"
             )
         check_model_options(model, qpos, feed_forward, prefix)
+        hold = number("hold", hold, at_least=0, unit="s")
         if flag("scene", scene):
             from pinograsp.handover.scene import write_scene
 
