@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pinograsp.carry.carry_plan import CarryPlan
+from pinograsp.carry.record import CarryRecord
 from pinograsp.plan import Simulation
 from pinograsp.report import Finding, Picture, Report, Section, answer_simulated, list_section
 from pinograsp.words import format_number
@@ -23,11 +24,6 @@ def report_carry(plan: CarryPlan, figures: Sequence[str] = (), simulation: Simul
     stretches = [
         (f"{plan.times[first]:.3f} to {plan.times[last + 1]:.3f}", what) for what, first, last in plan.stretches()
     ]
-    low, high, used = plan.normal_forces.min(axis=0), plan.normal_forces.max(axis=0), plan.friction_use.max(axis=0)
-    contacts = [
-        (name, format_number(low[i]), format_number(high[i]), f"{100 * used[i]:.0f} %")
-        for i, name in enumerate(plan.contacts)
-    ]
     torques, speeds = abs(plan.torques).max(axis=0), abs(plan.dq).max(axis=0)
     joints = [
         (name, format_number(torques[i]), format_number(speeds[i])) for i, name in enumerate(plan.robot.joint_names)
@@ -42,16 +38,25 @@ def report_carry(plan: CarryPlan, figures: Sequence[str] = (), simulation: Simul
             *list_section("Cautions", plan.cautions),
             *list_section("Notes", plan.notes),
             Section(title="What binds on the way", columns=("time [s]", "limit"), rows=stretches),
-            Section(
-                title="Contacts",
-                columns=("contact", "least F_n [N]", "largest F_n [N]", "largest share of friction"),
-                rows=contacts,
-            ),
+            list_contacts(plan),
             Section(
                 title="Joints",
                 columns=("joint", "largest torque [N m or N]", "largest speed [rad/s or m/s]"),
                 rows=joints,
             ),
+        ],
+    )
+
+
+def list_contacts(plan: CarryRecord) -> Section:
+    """What each contact presses with on the way, and how much of its friction is used."""
+    low, high, used = plan.normal_forces.min(axis=0), plan.normal_forces.max(axis=0), plan.friction_use.max(axis=0)
+    return Section(
+        title="Contacts",
+        columns=("contact", "least F_n [N]", "largest F_n [N]", "largest share of friction"),
+        rows=[
+            (name, format_number(low[i]), format_number(high[i]), f"{100 * used[i]:.0f} %")
+            for i, name in enumerate(plan.contacts)
         ],
     )
 

@@ -137,7 +137,7 @@ def _write_answer(plan: CarryRecord) -> str:
 
 def _list_facts(plan: CarryRecord) -> list[tuple[str, str]]:
     """The plan in a few lines."""
-    squeeze = plan.normal_forces.sum(axis=1)
+    squeeze = plan.squeeze
     facts = [("duration", f"{plan.timing.duration:.4g} s")]
     if plan.fastest is not None and plan.lower_bound is not None:
         facts.append(("fastest (accelerations jump)", f"{plan.fastest:.4g} s"))

@@ -194,15 +194,14 @@ def _print(plan: PickPlan, simulation: PickSimulation | None, folder: Path, sess
     facts = [(phase.name, f"{phase.duration:.3g} s") for phase in plan.phases]
     cautions = list(plan.cautions if session.verbose else plan.cautions[:_REMARKS])
     facts += [("caution", one) for one in cautions]
-    squeeze = plan.carry.normal_forces.sum(axis=1)
+    squeeze = plan.carry.squeeze
     answers = [
         ("Does it go?", f"{plan.status}: {plan.duration:.3g} s, after {plan.tried} grasps"),
         ("How hard?", f"{squeeze.min():.3g} to {squeeze.max():.3g} N in all on the way"),
     ]
     level = "caution" if plan.cautions else "yes"
     if simulation is not None:
-        told = "; ".join(line.strip() for line in str(simulation).splitlines())
-        answers.append(("Did it come about?", told))
+        answers.append(("Did it come about?", simulation.tell()))
         level = level if simulation.done else "no"
     answers.append(("Results", f"{folder / 'report.html'}, beside it view.html, trajectory.csv, .json and .xml"))
     then = [(f"xdg-open {shlex.quote(str(folder / 'view.html'))}", "see arm and hand move")]

@@ -17,7 +17,7 @@ from pinograsp.checks import array_of, instance_of, integer
 from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
-from pinograsp.hands.geometry import hull_of
+from pinograsp.hands.geometry import solid_of
 from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import FARTHEST, Array, BoolArray
 
@@ -50,7 +50,7 @@ class HandPart:
         self.radius = float(one.geometry.aabb_radius)
         self.half: Array = 0.5 * (one.geometry.aabb_local.max_ - one.geometry.aabb_local.min_)
         # A mesh's convex hull; where there is none, the geometry itself.
-        self.hull = hull_of(self.geometry) or self.geometry
+        self.hull = solid_of(self.geometry)
 
     @property
     def reach(self) -> Array:
@@ -124,7 +124,7 @@ class Distances:
             )
         self.model, self.data = hand.model, hand.model.createData()
         self.body, self.shape = body, body.collision_geometry
-        self.hull = hull_of(self.shape) or self.shape
+        self.hull = solid_of(self.shape)
         self.request, self.plain, self.result = coal.DistanceRequest(), coal.DistanceRequest(), coal.DistanceResult()
         self.request.enable_signed_distance = self.plain.enable_signed_distance = True
         self.request.gjk_tolerance = 1e-12

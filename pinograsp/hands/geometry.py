@@ -242,6 +242,11 @@ def _close(mesh: coal.BVHModelBase) -> bool:
     return bool(np.array_equal(there, back) and np.all(np.diff(there)))
 
 
+def solid_of(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
+    """The convex hull of a mesh, which has an inside; other shapes, and meshes without volume, as they are."""
+    return hull_of(shape) or shape
+
+
 def hull_of(shape: coal.CollisionGeometry) -> coal.ConvexBase | None:
     """Convex hull of a mesh; None for other shapes, and for meshes without volume."""
     if not isinstance(shape, coal.BVHModelBase):
@@ -286,9 +291,7 @@ def hulls(geometry: pin.GeometryModel) -> pin.GeometryModel:
     """The same geometry with every mesh replaced by its convex hull; flat ones stay."""
     replaced = pin.GeometryModel()
     for one in geometry.geometryObjects:
-        hull = pin.GeometryObject(
-            one.name, one.parentJoint, one.parentFrame, one.placement, hull_of(one.geometry) or one.geometry
-        )
+        hull = pin.GeometryObject(one.name, one.parentJoint, one.parentFrame, one.placement, solid_of(one.geometry))
         hull.meshPath, hull.meshScale = one.meshPath, one.meshScale
         replaced.addGeometryObject(hull)
     return replaced

@@ -21,7 +21,7 @@ from pinograsp.hands.descriptions import RobotDescription
 from pinograsp.hands.drive_records import drive_record, read_drive
 from pinograsp.hands.drives import Drive, Spring, checked_drives, checked_springs, one_each
 from pinograsp.hands.elements import find_named, parse
-from pinograsp.hands.geometry import PRIMITIVES, SIZES, hull_of, read_mesh
+from pinograsp.hands.geometry import PRIMITIVES, SIZES, read_mesh, solid_of
 from pinograsp.hands.mesh_file import collision_model, triangles_of
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.shapes import MeshNames
@@ -359,7 +359,7 @@ def _geometry(source: str, model: pin.Model, shapes: list[Any]) -> _Shapes:
         if form is not None:
             own.append(form)
             hulls |= kind == "hull"
-            form = hull_of(form) or form if kind == "hull" else form
+            form = solid_of(form) if kind == "hull" else form
             added = pin.GeometryObject(name, joint, frame, placement, form)
             if from_file:
                 added.meshPath, added.meshScale = one["path"], np.array(size)

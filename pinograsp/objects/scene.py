@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import coal
@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, instance_of, mapping_of, number, text_of
 from pinograsp.errors import InvalidInput
-from pinograsp.hands.geometry import hull_of
+from pinograsp.hands.geometry import solid_of
 from pinograsp.objects.body import Body
 from pinograsp.objects.primitives import Box
-from pinograsp.spatial import pose_of
+from pinograsp.spatial import Array, pose_of
 
 _DENSITY = 700.0  # [kg/m^3] of boards, which nobody weighs: they stay
 _BOARD = 0.04  # [m]
@@ -80,9 +80,10 @@ class Scene:
         place = pose_of(array_of(f"at of obstacle '{name}'", at, (3,)), np.eye(3))
         return self.with_obstacle(name, Box(size=size, density=_DENSITY, pose=place))
 
-    def find_supports(self, body: Body) -> set[str]:
-        """Names of the obstacles that a body stands on, or all but does."""
-        return {name for name, gap in self.measure_gaps(body).items() if gap <= STANDS}
+    def find_supports(self, body: Body, places: Sequence[Array] = ()) -> set[str]:
+        """Names of the obstacles that a body stands on, or all but does, here or at ``places`` (4, 4) of its frame."""
+        everywhere = (body, *(body.placed(place) for place in places))
+        return {name for one in everywhere for name, gap in self.measure_gaps(one).items() if gap <= STANDS}
 
     def measure_gaps(self, body: Body) -> dict[str, float]:
         """Distances of obstacles from a body [m]; below 0 where they overlap."""
@@ -91,7 +92,6 @@ class Scene:
             at = [coal.Transform3s(one.shape_pose[:3, :3], one.shape_pose[:3, 3]) for one in (obstacle, body)]
             request, result = coal.DistanceRequest(), coal.DistanceResult()
             request.enable_signed_distance = True
-            # Of a mesh its hull, which has an inside.
-            geometries = obstacle.collision_geometry, hull_of(body.collision_geometry) or body.collision_geometry
+            geometries = obstacle.collision_geometry, solid_of(body.collision_geometry)
             found[name] = float(coal.distance(geometries[0], at[0], geometries[1], at[1], request, result))
         return found

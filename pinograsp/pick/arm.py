@@ -12,7 +12,7 @@ import pinocchio as pin
 from pinograsp.contacts.self_collision import list_pairs
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
-from pinograsp.hands.geometry import hull_of
+from pinograsp.hands.geometry import solid_of
 from pinograsp.objects import Mesh, Scene
 from pinograsp.objects.body import Body
 from pinograsp.simulation.geometry import convex_shapes
@@ -94,7 +94,7 @@ class Arm:
         return names
 
     def _add_object(self) -> list[str]:
-        at, shapes = pin.SE3(self.body.shape_pose), [_hull(self.body)]
+        at, shapes = pin.SE3(self.body.shape_pose), [solid_of(self.body.collision_geometry)]
         if self.kind == "free":
             return self._add(OBJECT, 0, at, shapes)
         pin.forwardKinematics(self.model, self.data, self.resting[self.dofs])
@@ -167,8 +167,3 @@ class Arm:
         spare = np.array([one.min_distance for one in seen.distanceResults]) - self.margins[near]
         i = int(spare.argmin())
         return Nearest(float(spare[i]), *(self.names[part] for part in self._pairs[i]))
-
-
-def _hull(body: Body) -> coal.ShapeBase:
-    """The object's shape; of a mesh that is not convex its hull, which is farther out than the mesh nowhere outside."""
-    return hull_of(body.collision_geometry) or body.collision_geometry

@@ -99,10 +99,10 @@ class PickMaker:
         """The way with the object, with the reserve that is wished, or with what the grasp leaves of it."""
         why = ""
         pushed, _ = find_disturbance(self.plan, self.task.body, None)
-        kinds: tuple[tuple[float, SqueezeName, float], ...] = (
-            (1.0, "constant", pushed),
-            (_LESS, "constant", pushed),
-            (_LESS, "least", pushed),
+        kinds: tuple[tuple[float, SqueezeName, float | None], ...] = (
+            (1.0, "constant", None),
+            (_LESS, "constant", None),
+            (_LESS, "least", None),
             (_LESS, "least", _LESS * pushed),
         )
         for share, squeeze, disturbance in kinds:
@@ -112,7 +112,7 @@ class PickMaker:
                     self.plan,
                     path,
                     squeeze=squeeze,
-                    disturbance=disturbance if disturbance < pushed else None,
+                    disturbance=disturbance,
                     intervals=_INTERVALS,
                     reserve=share * self.motion.reserve,
                     acceleration=share * np.asarray(self.motion.acceleration),

@@ -102,7 +102,7 @@ def plan_pick(
             progress=progress,
         )
         clock.stop("search")
-        tried += reacher.count_refused(found)
+        tried += reacher.count_refusals(found)
         reached = list[Reached]()
         for grasp in found.grasps:
             if len(reached) == _ENOUGH:
@@ -114,9 +114,8 @@ def plan_pick(
                 reacher.reasons["cannot be held"] += 1
         clock.stop("reach")
         refused = list[tuple[NoGrasp, GraspTask]]()
-        plans = plan_each(_only(found, reached), conditions, progress=False, refused=refused) if reached else iter(())
+        plans = plan_each(_only(found, reached), conditions, progress=False, refused=refused) if reached else ()
         for plan in plans:
-            clock.stop("forces")
             chosen = next(one for one in reached if one.grasp.closure is plan.closure)
             plan = _slow_closing(plan, conditions)
             clock.stop("forces")
@@ -187,7 +186,7 @@ def read_task(
         start=np.array(robot.resting)[robot.arm],
         lift=motion.lift,
         gravity_o=gravity,
-        supports=set().union(*(scene.find_supports(body.placed(pose)) for pose in (body.pose, *places))),
+        supports=scene.find_supports(body, places),
     )
     arm = task.arm(task.hand.resting, "free", body, task.start)
     if not robot.posture and not arm.is_free(task.start):

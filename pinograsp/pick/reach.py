@@ -98,21 +98,21 @@ class ReachSetting:
 
     def __init__(self, task: PickTask):
         self.task = task
-        self._solvers: dict[bytes, PalmSolver] = {}
+        self._known: dict[bytes, tuple[PalmSolver, Array]] = {}
 
     def __reduce__(self) -> tuple[type[ReachSetting], tuple[PickTask]]:
         return ReachSetting, (self.task,)  # without what is heavy, and made quickly
 
-    def refuse(self, hand: HandModel, q: Array, look_o: Array) -> str:
+    def refuse(self, hand: HandModel, q: Array) -> str:
         """Why the arm does not bring a hand where it is placed, open at q (n_h,)."""
         task, palm = self.task, hand.frame_placements(q, [self.task.robot.palm])[0]
-        if (key := q.tobytes()) not in self._solvers:
-            self._solvers[key] = PalmSolver(task.arm(q, "free", task.body, task.start))
-        solver = self._solvers[key]
-        # The same starts for every hand: what is found must not depend on which process looks.
-        random = np.random.default_rng(0).uniform(solver.arm.lower, solver.arm.upper, (_FEW_STARTS, len(task.start)))
-        why = OUT_OF_REACH
-        for start in (task.start, *random):
+        if (key := q.tobytes()) not in self._known:
+            arm = task.arm(q, "free", task.body, task.start)
+            # The same starts for every hand: what is found must not depend on which process looks.
+            random = np.random.default_rng(0).uniform(arm.lower, arm.upper, (_FEW_STARTS, len(task.start)))
+            self._known[key] = PalmSolver(arm), np.vstack([task.start, random])
+        (solver, starts), why = self._known[key], OUT_OF_REACH
+        for start in starts:
             x = solver.solve(palm, start, _FEW_STEPS)
             if x is None:
                 continue
@@ -128,7 +128,6 @@ class Reacher:
 
     Attributes:
         reasons: what kept the arm from grasps, and from how many.
-        arrived: grasps in which there is a posture of the arm that hits nothing.
 
     Args:
         task: what is to be picked.
@@ -139,7 +138,6 @@ class Reacher:
     def __init__(self, task: PickTask, rng: np.random.Generator, starts: int = _STARTS):
         self.task, self.rng, self.starts = task, rng, starts
         self.reasons: Counter[str] = Counter()
-        self.arrived = 0
 
     def reach(self, grasp: FoundGrasp) -> Reached | None:
         """The best posture and lines to a grasp; None: there are none, which is counted."""
@@ -160,7 +158,6 @@ class Reacher:
                 free.append(x)
             else:
                 why[_tell(nearest, task)] += 1
-        self.arrived += bool(free)
         for x in sorted(free, key=lambda one: -self._rate(opened, one))[:_POSTURES]:
             found = self._find_lines(grasp, opened, solver, palm, x)
             if isinstance(found, Reached):
@@ -169,7 +166,7 @@ class Reacher:
         self.reasons[why.most_common(1)[0][0]] += 1
         return None
 
-    def count_refused(self, found: GraspSearch) -> int:
+    def count_refusals(self, found: GraspSearch) -> int:
         """Count the samples of a search that there was no place for; how many."""
         refused = {what: count for what, count in found.outcomes.items() if what.startswith(REFUSED)}
         for what, count in refused.items():

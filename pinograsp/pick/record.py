@@ -100,7 +100,7 @@ class PickRecord:
 
     def describe(self) -> str:
         """Phases with their times, and what the hand presses with, as readable text."""
-        squeeze = self.carry.normal_forces.sum(axis=1)
+        squeeze = self.carry.squeeze
         lines = [f"{self.robot.name}: {self.status}; {self.duration:.3g} s"]
         for phase in self.phases:
             more = f", squeezing with {squeeze.min():.3g} to {squeeze.max():.3g} N" if phase.name == "carry" else ""
@@ -109,8 +109,7 @@ class PickRecord:
 
     def find_supports(self) -> set[str]:
         """Names of the obstacles that the object stands on, here and where it is put."""
-        poses = [self.body.pose, *([] if self.place is None else [self.place])]
-        return set[str]().union(*(self.scene.find_supports(self.body.placed(pose)) for pose in poses))
+        return self.scene.find_supports(self.body, () if self.place is None else (self.place,))
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -120,7 +119,7 @@ class PickRecord:
 
     def summary(self) -> dict[str, Any]:
         """The plan's figures as plain JSON values, units in the names."""
-        squeeze = self.carry.normal_forces.sum(axis=1)
+        squeeze = self.carry.squeeze
         return {
             "robot": self.robot.name,
             "status": self.status.value,

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pinograsp.carry.report import list_contacts
 from pinograsp.pick.record import PickRecord
 from pinograsp.pick.simulation import PickSimulation
 from pinograsp.report import Finding, Picture, Report, Section, list_section
-from pinograsp.words import format_number
 
 _WHAT = {
     "reach": "to the object, around what stands there, then straight on",
@@ -22,15 +22,6 @@ _WHAT = {
 
 def report_pick(plan: PickRecord, figures: Sequence[str] = (), simulation: PickSimulation | None = None) -> Report:
     """The report: the answers first, then phase by phase, the contacts on the way, the joints."""
-    low, high, used = (
-        plan.carry.normal_forces.min(axis=0),
-        plan.carry.normal_forces.max(axis=0),
-        plan.carry.friction_use.max(axis=0),
-    )
-    contacts = [
-        (name, format_number(low[i]), format_number(high[i]), f"{100 * used[i]:.0f} %")
-        for i, name in enumerate(plan.grasp.contacts.names)
-    ]
     return Report(
         title=f"Picking with {plan.robot.name}",
         answers=_answer(plan, simulation),
@@ -42,11 +33,7 @@ def report_pick(plan: PickRecord, figures: Sequence[str] = (), simulation: PickS
                 columns=("phase", "what", "time [s]", "normal force in all [N]", "largest share of torque", "of speed"),
                 rows=_list_phases(plan),
             ),
-            Section(
-                title="Contacts on the way",
-                columns=("contact", "least F_n [N]", "largest F_n [N]", "largest share of friction"),
-                rows=contacts,
-            ),
+            list_contacts(plan.carry),
         ],
     )
 
@@ -54,7 +41,7 @@ def report_pick(plan: PickRecord, figures: Sequence[str] = (), simulation: PickS
 def _list_phases(plan: PickRecord) -> list[tuple[str, ...]]:
     robot = plan.robot
     effort, velocity = (np.where(limit > 0, limit, np.inf) for limit in (robot.effort, robot.velocity))
-    squeeze = plan.carry.normal_forces.sum(axis=1)
+    squeeze = plan.carry.squeeze
     forces = {
         "close": f"0 to {squeeze[0]:.3g}",
         "carry": f"{squeeze.min():.3g} to {squeeze.max():.3g}",
@@ -74,7 +61,7 @@ def _list_phases(plan: PickRecord) -> list[tuple[str, ...]]:
 
 
 def _answer(plan: PickRecord, simulation: PickSimulation | None) -> list[Finding]:
-    squeeze = plan.carry.normal_forces.sum(axis=1)
+    squeeze = plan.carry.squeeze
     answers = [
         Finding(
             "Does it go?",
@@ -86,5 +73,4 @@ def _answer(plan: PickRecord, simulation: PickSimulation | None) -> list[Finding
     ]
     if simulation is None:
         return [*answers, Finding("Simulated?", "Not yet: --check.")]
-    told = "; ".join(line.strip() for line in str(simulation).splitlines())
-    return [*answers, Finding("Did it come about?", f"{told}.", "yes" if simulation.done else "no")]
+    return [*answers, Finding("Did it come about?", f"{simulation.tell()}.", "yes" if simulation.done else "no")]

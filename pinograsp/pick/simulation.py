@@ -92,6 +92,10 @@ class PickSimulation:
             f"nearest: {self.nearest.one} and {self.nearest.other}, {1e3 * self.nearest.spare:.2g} mm",
         )
 
+    def tell(self) -> str:
+        """The same in one line."""
+        return "; ".join(line.strip() for line in str(self).splitlines())
+
     def summary(self) -> dict[str, Any]:
         """As plain JSON values, units in the names."""
         return {

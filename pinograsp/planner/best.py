@@ -136,8 +136,8 @@ def plan_each(
 
 
 class _Planned(NamedTuple):
-    """A plan that is not quite as wished: how much speaks against it, in what order it came, its closure, and whether
-    losses count already.
+    """A plan that is not quite as wished: its faults, in what order it came, its closure, and whether losses count
+    already.
     """
 
     faults: float
@@ -156,7 +156,7 @@ class _Planned(NamedTuple):
 
 
 def _take_best(waiting: list[_Planned]) -> GraspPlan:
-    """The plan against which least speaks, taken from a heap."""
+    """The plan with the fewest faults, taken from a heap."""
     while not waiting[0].whole:
         heapq.heapreplace(waiting, waiting[0].with_losses())
     return heapq.heappop(waiting).plan

@@ -75,6 +75,16 @@ def read_folder(folder: str | Path, kind: type[T], schema: str, archive: str, wh
         document, scene = read_document(folder / RECORD, schema), read_document(folder / SCENE, SCENE_SCHEMA)
         return read_record(kind, document.get("record"), read_arrays(folder / archive), scene)
 
+    return read_whole(folder, read, what)
+
+
+def read_whole(folder: Path, read: Callable[[Path], T], what: str) -> T:
+    """As :func:`read_of_one`, of ``what`` in words.
+
+    Raises:
+        InvalidInput: it cannot be read, and why.
+        HandNotLoaded: mesh files of a hand that are missing.
+    """
     try:
         return read_of_one(folder, read)
     except HandNotLoaded:

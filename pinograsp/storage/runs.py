@@ -7,10 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from pinograsp.checks import one_line, path_of, shorten
-from pinograsp.errors import HandNotLoaded, InvalidInput
+from pinograsp.errors import InvalidInput
 from pinograsp.plan import PlanFailure, PlanRecord, Simulation
 from pinograsp.storage.consistency import check_plan, check_settings
-from pinograsp.storage.files import RECORD, SCENE, SCENE_SCHEMA, documents_of, read_arrays, read_document, read_of_one
+from pinograsp.storage.files import (
+    RECORD,
+    SCENE,
+    SCENE_SCHEMA,
+    documents_of,
+    read_arrays,
+    read_document,
+    read_of_one,
+    read_whole,
+)
 from pinograsp.storage.schema import read_record
 from pinograsp.storage.simulations import FIGURES as CHECK_FIGURES, read_simulation
 from pinograsp.writing import NewFolder, write_folder
@@ -96,12 +105,7 @@ def read_run(
         check_plan(plan)
         return plan
 
-    try:
-        return read_of_one(folder, read)
-    except HandNotLoaded:
-        raise
-    except Exception as error:  # what is made of a broken file raises whatever it likes
-        raise InvalidInput(f"'{folder}' holds no readable run: {one_line(error)}") from error
+    return read_whole(folder, read, "run")
 
 
 def _refuse_older(folder: Path) -> None:

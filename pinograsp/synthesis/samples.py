@@ -379,7 +379,7 @@ def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | str:
 
 def _refuse(case: SearchCase, posed: Posed) -> str:
     """Why the open hand cannot be there, besides the object; "": it can."""
-    why = "" if case.setting is None else case.setting.refuse(posed.hand, posed.opened, posed.look_o)
+    why = "" if case.setting is None else case.setting.refuse(posed.hand, posed.opened)
     return why and f"{REFUSED} ({why})"
 
 

@@ -242,10 +242,10 @@ def find_grasps(
                 power = i % _ROUNDS >= _PINCHING and wishes.palm is None
                 run.batches(one, interrupt, wrap=wrap or power)
                 # Off its middle, what is too large may be held all the same.
-                hopeless = (too_large and (not run.found or i + 1 == _PINCHING)) or run.refused
+                hopeless = (too_large and (not run.found or i + 1 == _PINCHING)) or run.has_no_room
                 if hopeless or any(grasp.sound == SOUND for grasp in run.found):
                     break
-            lacking = explains and not run.refused and not any(grasp.withstands for grasp in run.found)
+            lacking = explains and not run.has_no_room and not any(grasp.withstands for grasp in run.found)
             unmet = (
                 _find_unmet(run, first, rounds[0], interrupt)
                 if lacking and (wishes.names or _tasks(conditions))

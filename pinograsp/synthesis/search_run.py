@@ -65,7 +65,7 @@ class SearchRun:
         interrupt()
 
     @property
-    def refused(self) -> bool:
+    def has_no_room(self) -> bool:
         """Whether there was room for none of the samples."""
         return all(what.startswith(REFUSED) for what in self.outcomes)
 

@@ -16,8 +16,8 @@ REFUSED = "no place for the open hand"  # the outcome of samples, with the reaso
 class Setting(Protocol):
     """Where a hand can be."""
 
-    def refuse(self, hand: HandModel, q: Array, look_o: Array) -> str:
-        """Why a hand cannot be where it is placed, with joints at q (n,), looking along ``look_o`` (3,); "": it can."""
+    def refuse(self, hand: HandModel, q: Array) -> str:
+        """Why a hand cannot be where it is placed, with joints at q (n,); "": it can."""
         ...
 
 
@@ -29,7 +29,7 @@ class Surroundings:
         self._margins = {name: 0.0 if name in supports else scene.clearance for name in scene.obstacles}
         self._obstacles = scene.obstacles
 
-    def refuse(self, hand: HandModel, q: Array, look_o: Array) -> str:
+    def refuse(self, hand: HandModel, q: Array) -> str:
         """Why a hand cannot be where it is placed: the obstacle that is in its way."""
         for name, margin in self._margins.items():
             if clearance(hand, self._obstacles[name], q) < margin:

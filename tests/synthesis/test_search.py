@@ -38,7 +38,7 @@ SETTINGS = {"conditions": CONDITIONS, "progress": False}
 
 
 class Nowhere:
-    def refuse(self, hand, q, look_o):
+    def refuse(self, hand, q):
         return "no licence"
 
 
