@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import coal
+import numpy as np
 import pinocchio as pin
 
 
@@ -20,6 +21,20 @@ def draw_shapes(rng, least):
         coal.Box(*size),
         coal.Convex.convexHull(points, True, "Qt"),
     ]
+
+
+def extent(shape, at, along):
+    """How far a shape reaches along a unit vector [m]: its support function."""
+    x, y, z = at.rotation.T @ along
+    reaches = {
+        coal.Sphere: lambda: shape.radius,
+        coal.Ellipsoid: lambda: np.linalg.norm(shape.radii * [x, y, z]),
+        coal.Capsule: lambda: shape.radius + shape.halfLength * abs(z),
+        coal.Cylinder: lambda: shape.radius * np.hypot(x, y) + shape.halfLength * abs(z),
+        coal.Box: lambda: shape.halfSide @ np.abs([x, y, z]),
+    }
+    local = reaches.get(type(shape), lambda: max(np.array(shape.points()) @ [x, y, z]))()
+    return local + at.translation @ along
 
 
 def draw_placement(rng, size):
