@@ -23,7 +23,7 @@ from pinograsp.pick.reach import PickTask, Reached, line_of
 from pinograsp.pick.record import PickPhase
 from pinograsp.pick.timing import time_path
 from pinograsp.pick.upright import Upright
-from pinograsp.pick.ways import find_way, is_straight, measure_way
+from pinograsp.pick.ways import Patience, find_way, is_straight, measure_way
 from pinograsp.planner import GraspPlan
 from pinograsp.planner.stopwatch import Stopwatch
 from pinograsp.spatial import Array
@@ -35,7 +35,7 @@ _LONG = 1.6  # times the straight way in the joints: others are looked for
 _FINE = 0.1  # [rad or m] between waypoints of a way, halved until its spline is free
 _HALVINGS = 4
 # [s] in which the squeeze ends where an object is put, and in which the hand opens then; between samples of that.
-_EASE, _OPENING, _EASED = 0.3, 0.8, 5e-3
+_EASE, _OPENING, _EASED = 0.3, 2.0, 5e-3
 _LOOK = 0.005  # [rad or m] between postures of a spline that are looked at
 
 
@@ -43,10 +43,17 @@ class PickMaker:
     """Ways, timing and torques of one grasp that is reached."""
 
     def __init__(
-        self, task: PickTask, plan: GraspPlan, reached: Reached, motion: PickMotion, limits: ArmLimits, seed: int
+        self,
+        task: PickTask,
+        plan: GraspPlan,
+        reached: Reached,
+        motion: PickMotion,
+        limits: ArmLimits,
+        patience: Patience,
+        seed: int,
     ):
         self.task, self.plan, self.reached = task, plan, reached
-        self.motion, self.limits, self.seed = motion, limits, seed
+        self.motion, self.limits, self.patience, self.seed = motion, limits, patience, seed
         self.joints = [task.robot.joint_names[i] for i in task.robot.arm]
 
     def make(self, clock: Stopwatch) -> PickPlan | str:
@@ -129,7 +136,7 @@ class PickMaker:
         over = self._over(arm, start, goal, upright)
         if over is not None and measure_way(over) <= _LONG * float(np.linalg.norm(goal - start)):
             return over
-        around = find_way(arm, start, goal, seed=self.seed, upright=upright)
+        around = find_way(arm, start, goal, seed=self.seed, patience=self.patience, upright=upright)
         return min((way for way in (over, around) if way is not None), key=measure_way, default=None)
 
     def _over(self, arm: Arm, start: Array, goal: Array, upright: Upright | None) -> Array | None:

@@ -20,6 +20,7 @@ from pinograsp.pick.pick_motion import PickMotion
 from pinograsp.pick.pick_plan import PickPlan
 from pinograsp.pick.place import PlaceRegion, find_places, measure_tilts
 from pinograsp.pick.reach import PickTask, Reached, Reacher, ReachSetting
+from pinograsp.pick.ways import Patience
 from pinograsp.planner import GraspPlan, PlanOptions
 from pinograsp.planner.best import plan_each
 from pinograsp.planner.planning import GraspTask
@@ -87,7 +88,7 @@ def plan_pick(
     task = read_task(robot, body, scene, place, start, motion, conditions, rng)
     reacher, setting = Reacher(task, rng), ReachSetting(task)
     limits = limit_arm(task.robot, "effort", motion.speed, motion.acceleration, motion.reserve)
-    tried, doubtful, slow = 0, None, None
+    patience, tried, doubtful, slow = Patience(), 0, None, None
     for round_, count in enumerate(_COUNTS):
         found = find_grasps(
             task.hand,
@@ -122,7 +123,7 @@ def plan_pick(
             if plan.status not in (Status.OK, Status.DOUBTFUL):
                 reacher.reasons[f"plan {plan.status.value}"] += 1
                 continue
-            made = PickMaker(task, plan, chosen, motion, limits, seed).make(clock)
+            made = PickMaker(task, plan, chosen, motion, limits, patience, seed).make(clock)
             if isinstance(made, str):
                 reacher.reasons[made] += 1
                 clock.stop("ways")

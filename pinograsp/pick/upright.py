@@ -11,6 +11,7 @@ from pinograsp.pick.arm import Arm
 from pinograsp.spatial import Array, skew
 
 _STEPS = 20  # of Newton's method
+_PROJECTIONS = 50  # likewise, as many as OMPL's own
 _LEVEL = 1e-4  # [-] sine of a tilt that is none
 
 
@@ -50,6 +51,22 @@ class Upright:
         """The tilt at x (a,) [rad]."""
         axis = self._turn(x) @ self._axis
         return math.atan2(float(np.linalg.norm(self._level @ axis)), float(axis @ self.up_o))
+
+    def project(self, x: Array, tolerance: float) -> bool:
+        """Move x (a,) to a posture whose tilt's sine is at most that (Newton's method); False: it was not reached."""
+        model, data, joint = self.arm.model, self.arm.data, self.arm.palm_joint
+        for _ in range(_PROJECTIONS):
+            pin.computeJointJacobians(model, data, x)
+            turn = data.oMi[joint].rotation
+            lean = self._level @ (turn @ self._axis)
+            if lean @ lean <= tolerance**2:
+                return True
+            J = self._level @ turn @ self._across @ pin.getJointJacobian(model, data, joint, pin.LOCAL)[3:]
+            (a, b), (_, d) = J @ J.T
+            if not (det := a * d - b * b) > 0.0:
+                return False
+            x -= (np.array([d * lean[0] - b * lean[1], a * lean[1] - b * lean[0]]) / det) @ J
+        return False
 
     def straighten(self, x: Array) -> Array | None:
         """The nearest posture without tilt, or one that is near (Newton's method); None: none was found."""

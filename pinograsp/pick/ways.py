@@ -13,8 +13,8 @@ from pinograsp.pick.arm import Arm
 from pinograsp.pick.upright import Upright
 from pinograsp.spatial import Array
 
-_LOOKS = 20_000  # at postures, in each search, after which it gives up: a second or two
-_LEAN = 0.1  # of a look: what it takes to see how an object tilts
+_LOOKS, _FEWEST = 20_000, 5_000  # at postures, in each search, after which it gives up: a second, or a third of one
+_LEAN = 0.3  # of a look: what it takes to bring an object upright
 _STEP = 0.02  # [rad or m] between postures of a way that are looked at
 _SHORTCUTS = 30  # that are tried in each round
 _TILTED = 0.6  # of the largest tilt: what ways are looked for with
@@ -24,7 +24,20 @@ _TRIES, _SHORTENINGS = 3, 3  # ways that are looked for, of which the shortest i
 _LOCK = threading.Lock()  # OMPL's random numbers are those of the whole process
 
 
-def find_way(arm: Arm, start: Array, goal: Array, *, seed: int, upright: Upright | None = None) -> Array | None:
+class Patience:
+    """How many postures a search of a way looks at: half as many each time that one was in vain."""
+
+    def __init__(self) -> None:
+        self.looks = _LOOKS
+
+    def lose(self) -> None:
+        """A search was in vain."""
+        self.looks = max(_FEWEST, self.looks // 2)
+
+
+def find_way(
+    arm: Arm, start: Array, goal: Array, *, seed: int, patience: Patience, upright: Upright | None = None
+) -> Array | None:
     """Postures (w, a) from ``start`` to ``goal`` (a,), straight from one to the next, free as far as a quick look sees
     (:meth:`Arm.seems_free`); None: none was found.
 
@@ -35,6 +48,7 @@ def find_way(arm: Arm, start: Array, goal: Array, *, seed: int, upright: Upright
         arm: with what it holds and what stands around.
         start, goal: free postures.
         seed: of the random numbers.
+        patience: of all searches of one pick.
         upright: how far what is held may tilt; None: anyhow.
 
     Raises:
@@ -80,7 +94,7 @@ def find_way(arm: Arm, start: Array, goal: Array, *, seed: int, upright: Upright
         information.setup()
         found = list[Array]()
         for _ in range(_TRIES):
-            most = spent + _LOOKS
+            most = spent + patience.looks
             problem = base.ProblemDefinition(information)
             problem.setStartAndGoalStates(_state(information, start), _state(information, goal))
             planner = geometric.RRTConnect(information)
@@ -101,6 +115,8 @@ def find_way(arm: Arm, start: Array, goal: Array, *, seed: int, upright: Upright
             way = np.array([[path.getState(k)[i] for i in range(a)] for k in range(path.getStateCount())])
             apart = np.abs(np.diff(way, axis=0)).max(axis=1) > _SAME
             found.append(way[np.concatenate([[True], apart])])
+    if not found:
+        patience.lose()
     return min(found, key=measure_way, default=None)
 
 
@@ -133,10 +149,13 @@ def _make_constraint(base: Any, upright: Upright, a: int, tolerance: float, coun
             super().__init__(a, 2, tolerance)
 
         def function(self, x: Array, out: Array) -> None:
-            count()
             out[:] = upright.lean(x)
 
         def jacobian(self, x: Array, out: Array) -> None:
             out[:] = upright.lean_slopes(x)
+
+        def project(self, x: Array) -> bool:
+            count()
+            return upright.project(x, tolerance)
 
     return Level()

@@ -15,7 +15,7 @@ from pinograsp.pick import PickMotion, PlaceRegion, load_pick, save_pick, simula
 from pinograsp.pick.arm import Arm
 from pinograsp.pick.scene import pick_scene
 from pinograsp.pick.upright import Upright
-from pinograsp.pick.ways import find_way
+from pinograsp.pick.ways import Patience, find_way
 from pinograsp.simulation import Disturbance
 from pinograsp.spatial import inverse_of, pose_of
 from pinograsp.viz.solids import to_sevens
@@ -157,6 +157,8 @@ def test_tilts_and_their_slopes():
     np.testing.assert_allclose(upright.lean_slopes(y), slopes, atol=1e-6)
     straight = upright.straighten(x + 0.02 * rng.normal(size=7))
     assert straight is None or upright.measure(straight) < 2e-4
+    projected = y.copy()
+    assert not upright.project(projected, 1e-6) or upright.measure(projected) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.slow
@@ -168,7 +170,7 @@ def test_ways_around_keep_upright():
     start, goal = turned.copy(), turned.copy()
     start[0], goal[0] = 0.7, -0.7
     upright = Upright(arm, start, np.array([0.0, 0.0, 1.0]), np.radians(10.0))
-    way = find_way(arm, start, goal, seed=3, upright=upright)
+    way = find_way(arm, start, goal, seed=3, patience=Patience(), upright=upright)
     assert way is not None
     np.testing.assert_allclose(way[[0, -1]], [start, goal], atol=1e-9)
     assert max(upright.measure(x) for x in way) <= np.radians(10.0)
