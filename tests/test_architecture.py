@@ -37,6 +37,7 @@ ROOMS = [
     "forces",
     "actuation",
     "motion",
+    "reflex",
     "identification",
     "data",
     "synthesis",

@@ -147,6 +147,8 @@ def build_simulation_task(plan: CarryPlan, letting_go: float) -> Task:
         names=plan.contacts,
         links=grasp.contacts.links,
         points_o=grasp.contacts.points_o @ turn.T + closing.moved[:3, 3],
+        rotations_oc=turn @ grasp.contacts.rotations_oc,
+        com_o=turn @ grasp.contacts.com_o + closing.moved[:3, 3],
         forces_o=forces,
         normal_forces=plan.normal_forces[-1],
         settled_forces=plan.normal_forces[-1],

@@ -71,6 +71,8 @@ def make_trial(certificates: Certificates, i: int) -> Task:
         names=tuple(contacts.names),
         links=tuple(contact.link for contact in contacts),
         points_o=read_only(certificates.points_o[i, :count]),
+        rotations_oc=contacts.rotations_oc,
+        com_o=body.com_o,
         forces_o=read_only(certificates.forces_o[i, :count]),
         normal_forces=read_only(normal),
         settled_forces=read_only(normal),

@@ -69,8 +69,9 @@ class OnlineForces:
             ``invalid="keep"``, an unusable tick, which changed nothing.
         steps: Newton steps of the last tick.
         names: the contacts.
+        least, largest: limits of F_n (k,) [N], which may be written between ticks.
 
-    The arrays are overwritten by the next step: copy what must stay.
+    The other arrays are overwritten by the next step: copy what must stay.
     """
 
     def __init__(
@@ -148,7 +149,8 @@ class OnlineForces:
         loop.com[:] = problem.contacts.com_o
         self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
         loop.rub(np.array(problem.mu))
-        loop.least[:], loop.largest[:] = least, largest
+        self.least, self.largest = loop.least, loop.largest
+        self.least[:], self.largest[:] = least, largest
         if hand is not None:
             # Pinocchio's own memory: it follows the posture.
             loop.hand(self._data.J.T.reshape(-1), self._gravity)
@@ -316,6 +318,10 @@ class OnlineForces:
                 code = self._tick(_check_array("load", load, (6,), _HUGE))
             if code < 0:
                 _check_array("load", load, (6,), _HUGE)
+                limits = (self.least, self.largest)
+                if not all(np.all(one >= 0) and np.all(np.isfinite(one)) for one in limits):
+                    told = " and ".join(shorten(one.tolist()) for one in limits)
+                    raise InvalidInput(f"OnlineForces: expected finite least and largest >= 0 [N], got {told}")
                 raise InvalidInput(f"OnlineForces: expected contacts and gravity torques below {_HUGE:g}")
         except InvalidInput:
             if not self._keeps:

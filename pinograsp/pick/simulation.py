@@ -231,6 +231,8 @@ def _task_of(plan: PickRecord, body: Body) -> Task:
         names=grasp.contacts.names,
         links=grasp.contacts.links,
         points_o=grasp.contacts.points_o,
+        rotations_oc=grasp.contacts.rotations_oc,
+        com_o=grasp.contacts.com_o,
         forces_o=grasp.motion.forces_o[-1],
         normal_forces=forces.normal_forces,
         settled_forces=forces.normal_forces,

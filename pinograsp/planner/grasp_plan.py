@@ -39,6 +39,7 @@ from pinograsp.plan.tolerance import SMALL
 from pinograsp.planner.compliance import describe_band, find_band, find_gains, stiffness_of
 from pinograsp.planner.margins import find_margins, find_reach, margin_cautions
 from pinograsp.planner.tolerance import DROPS, tell_drop, tell_tolerance
+from pinograsp.reflex import GripController, GripSettings
 from pinograsp.spatial import Array
 from pinograsp.storage import read_run, write_run
 from pinograsp.writing import NewFolder
@@ -270,6 +271,30 @@ class GraspPlan(PlanRecord):
         if problem.torques is None:
             problem = replace(problem, torques=torque_limits(self.hand, problem.contacts, q, limit=self.torque_limit))
         return write_core(OnlineForces(problem, hand=self.hand, q=q, **settings).constants(), path)
+
+    def grip_controller(self, **settings: Unpack[GripSettings]) -> GripController:
+        """The controller that holds what was grasped: its squeeze follows what is felt, tick by tick.
+
+        Args:
+            settings: as for :class:`~pinograsp.reflex.GripController`; without ``max_normal_force`` the caps are those
+                of the plan's conditions.
+
+        Raises:
+            InvalidInput: unusable settings, or friction of other pyramids than those of four edges.
+            ExtraMissing: the compiled core is not installed.
+        """
+        for name in settings:
+            one_of("setting of grip_controller", name, GripSettings.__annotations__)
+        rotations, problem = self.contacts.rotations_oc, self.solution.problem
+        return GripController(
+            problem,
+            hand=self.hand,
+            q=self.motion.q[-1],
+            forces=np.einsum("kji,kj->ki", rotations, self.motion.forces_o[-1]),
+            torques=self.motion.holding_torques,
+            torque_limit=self.torque_limit,
+            **settings,
+        )
 
     def show(self, *, simulation: Simulation | None = None, port: int = 8080, open_browser: bool = True) -> Viewer:
         """Open a live page with hand, object, forces and friction over time; see :func:`pinograsp.viz.viewer.view`.

@@ -6,6 +6,7 @@ It shares no contact, force, torque or energy code with the planner.
 from pinograsp.plan import Simulation, Verdict
 from pinograsp.simulation.monte_carlo import MonteCarlo, monte_carlo
 from pinograsp.simulation.random_errors import Errors
+from pinograsp.simulation.sensing import Sensors
 from pinograsp.simulation.settings import BaseMotion, Disturbance, Push, Servo
 from pinograsp.simulation.simulate import simulate
 from pinograsp.simulation.thresholds import LoadThreshold, SlipThreshold, load_threshold, slip_threshold
@@ -18,6 +19,7 @@ __all__ = [
     "LoadThreshold",
     "MonteCarlo",
     "Push",
+    "Sensors",
     "Servo",
     "Simulation",
     "SlipThreshold",

@@ -11,6 +11,8 @@ from pinograsp import defaults
 from pinograsp.checks import brief, flag, instance_of, number, one_of
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
+from pinograsp.reflex import Controller
+from pinograsp.simulation.sensing import Sensors
 from pinograsp.simulation.settings import SUPPORTS, Disturbance, Servo, Support
 
 Mode = Literal["servo", "prescribed"]
@@ -57,6 +59,8 @@ class SimulationOptions:
             go.
         letting_go: time that the support takes to fade after t_F [s]; 0: the support vanishes at once, which
             doubles the load for a moment.
+        controller: called from t_F on at each period of its sensors: what the drives are sent.
+        sensors: what it feels.
     """
 
     hold: float = defaults.HOLD
@@ -68,6 +72,8 @@ class SimulationOptions:
     release: bool = True
     support: Support | None = None
     letting_go: float = 0.2
+    controller: Controller | None = None
+    sensors: Sensors = field(default_factory=Sensors)
 
     __repr__ = brief("hold", "mode", "disturbance", "time_step", "support")
 
@@ -114,6 +120,11 @@ class SimulationOptions:
             "command delay": np.any(disturbance.command_delay),
             "drive gain": np.any(np.asarray(disturbance.drive_gain) != 1.0),
         }
+        if self.controller is not None and not callable(self.controller):
+            raise InvalidInput(f"controller: expected a function of what is felt, got {self.controller!r}")
+        instance_of("sensors", self.sensors, Sensors)
+        if self.controller is not None and (self.mode == "prescribed" or not self.release):
+            raise InvalidInput("controller: expected with mode='servo' and release=True, where drives hold the object")
         for name, given in errors.items():
             if given and self.mode == "prescribed":
                 raise InvalidInput(

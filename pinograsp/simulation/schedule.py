@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -10,6 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from pinograsp.checks import each_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.servos import CLOSED, find_pressing
+from pinograsp.reflex import Command
 from pinograsp.simulation.options import COARSEST, SimulationOptions
 from pinograsp.simulation.settings import Servo
 from pinograsp.simulation.task import Task
@@ -117,6 +119,14 @@ def _find_stiffest(task: Task, factor: float) -> float:
     return max(tangential, float(factor * law.stiffness * rho * depth ** (rho - 1)))
 
 
+def _limit_pressing(way: Array, effort: Array) -> Array:
+    """What joints that press one way or the other (n,) make at least and at most, by efforts (m, n): (m, 2, n)."""
+    return np.stack([np.where(way < 0, -effort, -np.inf), np.where(way > 0, effort, np.inf)], axis=1)
+
+
+Commands: TypeAlias = tuple[Array, Array, Array, Array | None]
+
+
 class Course:
     """The commands of the joints at every step; at their end, t_F as a rule, the last one is held.
 
@@ -148,10 +158,12 @@ class Course:
         resting = instants > end - 0.5 * dt
         self.dq[resting], torques[resting] = 0.0, task.holding_torques
         share = {"torque": options.disturbance.servo_gain, "position": 0.0, "impedance": 1.0}[schedule.servo.control]
-        self.torques: Array = share * each_of("drive gain", options.disturbance.drive_gain, task.hand.n) * torques
+        self.share: Array = share * each_of("drive gain", options.disturbance.drive_gain, task.hand.n)
+        self.torques: Array = self.share * torques
         if schedule.is_prescribed:  # the engine integrates a step's velocity to the next position
             self.dq[1:] = np.diff(self.q, axis=0) / dt
             self.ddq[:-1], self.ddq[-1] = np.diff(self.dq, axis=0) / dt, 0.0
+        self.way: Array = np.zeros(task.hand.n)  # in which joints press with an effort
         self.limits = None if schedule.pressing is None else self._press_on(task, schedule.pressing, instants, closed)
 
     def _press_on(self, task: Task, pressing: BoolArray, instants: Array, until: float) -> Array:
@@ -164,10 +176,26 @@ class Course:
         speed = way * np.abs(task.dq[impact])
         self.q += ahead * speed
         self.dq += ((ahead > 0.0) & (ahead < longest)) * speed
+        self.way = way
         effort, early = way * self.torques, instants < task.impact_time
         # What is in the way of a jaw before is pressed no harder than in the end.
         effort[early] = np.maximum(effort[early], effort[min(self.complete, len(effort) - 1)])
-        return np.stack([np.where(way < 0, -effort, -np.inf), np.where(way > 0, effort, np.inf)], axis=1)
+        return _limit_pressing(way, effort)
+
+    def row_commands(self, row: int) -> Commands:
+        """Positions, velocities, torques and limits (2, n) at a row."""
+        return self.q[row], self.dq[row], self.torques[row], None if self.limits is None else self.limits[row]
+
+    def follow(self, row: int, command: Command, moved: Array) -> Commands:
+        """The same where a controller sends a command; ``moved``: where servos are held, from their references (n,)."""
+        q, dq, _, limits = self.row_commands(row)
+        torques = self.share * command.torques
+        if limits is not None:
+            limits = _limit_pressing(self.way, np.maximum(self.way * torques, 0.0)[None])[0]
+        if command.positions is not None:
+            free = self.way == 0.0
+            q, dq = np.where(free, command.positions - moved, q), np.where(free, 0.0, dq)
+        return q, dq, torques, limits
 
     def row(self, step: int) -> int:
         """The row of a step."""

@@ -13,11 +13,13 @@ from pinograsp.checks import each_of
 from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord, Simulation
+from pinograsp.reflex import Controller
 from pinograsp.simulation.law import ContactForces
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.options import Mode, SimulationOptions, SimulationSettings
 from pinograsp.simulation.record import record_trial
 from pinograsp.simulation.schedule import TANGENTIAL, plan_schedule
+from pinograsp.simulation.sensing import Sensors
 from pinograsp.simulation.settings import Disturbance
 from pinograsp.simulation.stepping import Trial
 from pinograsp.simulation.task import Task
@@ -33,6 +35,8 @@ def simulate(
     disturbance: Disturbance | None = None,
     release: bool = True,
     body: Body | None = None,
+    controller: Controller | None = None,
+    sensors: Sensors | None = None,
     **settings: Unpack[SimulationSettings],
 ) -> Simulation:
     """Simulate a plan with a free object, and judge whether the grasp holds.
@@ -51,6 +55,9 @@ def simulate(
         disturbance: differences from the plan.
         release: False: the object stays fixed to the end.
         body: the object, where the plan has none.
+        controller: called from t_F on with what is felt (:class:`~pinograsp.reflex.Felt`); what it returns
+            (:class:`~pinograsp.reflex.Command`) is what the drives are sent from then on. None: as planned.
+        sensors: what it feels, how late, and with what noise; None: :class:`Sensors` as it is.
         **settings: hold, servo, time_step, sample, support and letting_go, as for
             :class:`~pinograsp.simulation.options.SimulationOptions`.
 
@@ -60,7 +67,15 @@ def simulate(
     """
     task = Task.of(plan, body)
     disturbance = Disturbance() if disturbance is None else disturbance
-    return simulate_task(task, SimulationOptions(mode=mode, disturbance=disturbance, release=release, **settings))
+    options = SimulationOptions(
+        mode=mode,
+        disturbance=disturbance,
+        release=release,
+        controller=controller,
+        sensors=Sensors() if sensors is None else sensors,
+        **settings,
+    )
+    return simulate_task(task, options)
 
 
 def simulate_task(task: Task, options: SimulationOptions) -> Simulation:

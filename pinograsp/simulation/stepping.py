@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of
+from pinograsp.checks import array_of, each_of
 from pinograsp.errors import SimulationDiverged
 from pinograsp.simulation.law import ContactForces, Pressing, Touches
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.sample import Sample, sum_by_part
 from pinograsp.simulation.schedule import Course, Schedule
+from pinograsp.simulation.sensing import ControlLoop
 from pinograsp.simulation.table import Table
 from pinograsp.simulation.task import Task
 from pinograsp.simulation.verdict import GONE
@@ -68,6 +69,16 @@ class Trial:
             mass, mu = disturbance.mass_factor * task.body.mass, float(task.mu.mean())
             self.table = Table(task.body, self.pose, task.gravity_o, mass, mu, schedule.time_step)
         self.moved = disturbance.accelerates
+        self.loop: ControlLoop | None = None
+        if self.options.controller is not None:
+            delay, gain = (
+                each_of(name, value, task.hand.n)
+                for name, value in (
+                    ("command delay", disturbance.command_delay),
+                    ("drive gain", disturbance.drive_gain),
+                )
+            )
+            self.loop = ControlLoop(task, self.options.controller, self.options.sensors, delay, gain)
         self.samples: list[Sample] = []
         self.complete, self.gone = 0, False
         self.joint_work = self.load_work = 0.0
@@ -136,9 +147,12 @@ class Trial:
             engine.step_prescribed(course.ddq[now], touches, pressing, wrench)
             after = course.dq[course.row(i + 1)]
         else:
-            commands = course.q[now], course.dq[now], course.torques[now]
-            limits = None if course.limits is None else course.limits[now]
-            engine.step(*commands, touches, pressing, wrench, limits)
+            commands = course.row_commands(now)
+            if self.loop is not None:
+                self.loop.tick(dt * i, engine, law, touches, pressing)
+                if (command := self.loop.command(dt * i)) is not None:
+                    commands = course.follow(now, command, engine.moved)
+            engine.step(*commands[:3], touches, pressing, wrench, commands[3])
             after = engine.dq
         object_after = engine.object_twist
         if not np.abs(after).max(initial=0.0) < _FASTEST or not np.isfinite(object_after).all():

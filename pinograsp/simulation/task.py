@@ -37,6 +37,8 @@ class Task:
         names: of the planned contacts (k).
         links: of the hand at these contacts (k).
         points_o: contact points (k, 3) [m].
+        rotations_oc: contact frames, z into the object (k, 3, 3).
+        com_o: the object's centre of mass as planned (3,) [m].
         forces_o: planned at the end, on the object (k, 3) [N].
         normal_forces: planned at the end (k,) [N].
         settled_forces: foreseen once the object is let go (k,) [N].
@@ -65,6 +67,8 @@ class Task:
     names: tuple[str, ...]
     links: tuple[str, ...]
     points_o: Array
+    rotations_oc: Array
+    com_o: Array
     forces_o: Array
     normal_forces: Array
     settled_forces: Array
@@ -123,6 +127,8 @@ class Task:
             names=contacts.names,
             links=contacts.links,
             points_o=contacts.points_o,
+            rotations_oc=contacts.rotations_oc,
+            com_o=contacts.com_o,
             forces_o=motion.forces_o[-1],
             normal_forces=forces.normal_history[-1],
             settled_forces=motion.settled_forces,

@@ -216,6 +216,30 @@ private:
     std::size_t columns_ = 0;  // that links name
 };
 
+// -- a squeeze that follows what is felt ------------------------------------------------------------------------------
+
+class GripLoop {
+public:
+    // Keeps the loop that it computes on.
+    GripLoop(nb::object loop, const GripSetup& setup) : loop_(loop) {
+        Online& online = *nb::cast<Loop&>(loop).online;
+        need(fault_of(setup, online.setup()) == nullptr, fault_of(setup, online.setup()));
+        grip = std::make_unique<Grip>(online, setup);
+    }
+
+    std::unique_ptr<Grip> grip;
+
+    bool feel(int kind, Numbers values, double time) {
+        need(kind >= 0 && kind < feelings, "kind");
+        const Feeling which = static_cast<Feeling>(kind);
+        need(values.size() == static_cast<std::size_t>(grip->size_of(which)), "values");
+        return grip->feel(which, values.data(), time);
+    }
+
+private:
+    nb::object loop_;
+};
+
 // -- multipliers ------------------------------------------------------------------------------------------------------
 
 struct Box {
@@ -873,6 +897,68 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     loop.def_prop_ro("residual",
                      [](nb::handle self) { return view(nb::cast<Loop&>(self).online->unbalanced, {6}, self); });
     loop.def_prop_ro("com", [](nb::handle self) { return view(nb::cast<Loop&>(self).online->com, {3}, self); });
+    nb::class_<GripSetup> grip_setup(m, "GripSetup");
+    grip_setup.def(nb::init<>())
+        .def_rw("period", &GripSetup::period)
+        .def_rw("latency", &GripSetup::latency)
+        .def_rw("smoothing", &GripSetup::smoothing)
+        .def_rw("noise", &GripSetup::noise)
+        .def_rw("margin", &GripSetup::margin)
+        .def_rw("kept", &GripSetup::kept)
+        .def_rw("unfelt", &GripSetup::unfelt)
+        .def_rw("jump", &GripSetup::jump)
+        .def_rw("calm", &GripSetup::calm)
+        .def_rw("release", &GripSetup::release)
+        .def_rw("blind", &GripSetup::blind)
+        .def_rw("tells_load", &GripSetup::tells_load);
+    const auto few = [&grip_setup](const char* name, auto field, std::size_t count) {
+        grip_setup.def_prop_rw(
+            name,
+            [field, count](const GripSetup& setup) { return std::vector<double>(setup.*field, setup.*field + count); },
+            [field, count, name](GripSetup& setup, const std::vector<double>& values) {
+                need(values.size() == count, name);
+                std::copy(values.begin(), values.end(), setup.*field);
+            });
+    };
+    few("gravity", &GripSetup::gravity, 3);
+    few("load", &GripSetup::load, 6);
+    array_of(grip_setup, "planned", &GripSetup::planned);
+    array_of(grip_setup, "grasp_map", &GripSetup::grasp_map);
+    array_of(grip_setup, "internal", &GripSetup::internal);
+    array_of(grip_setup, "joint_map", &GripSetup::joint_map);
+    array_of(grip_setup, "from_torques", &GripSetup::from_torques);
+    array_of(grip_setup, "bias", &GripSetup::bias);
+    array_of(grip_setup, "torque_limit", &GripSetup::torque_limit);
+    array_of(grip_setup, "most", &GripSetup::most);
+    array_of(grip_setup, "mu", &GripSetup::mu);
+    nb::class_<GripLoop> grip(m, "Grip");
+    grip.def(nb::init<nb::object, const GripSetup&>(), "loop"_a, "setup"_a)
+        .def("feel", &GripLoop::feel, "kind"_a, "values"_a, "time"_a)
+        .def(
+            "tick", [](GripLoop& own, double now) { return static_cast<int>(own.grip->tick(now)); }, "now"_a)
+        .def("reset", [](GripLoop& own) { own.grip->reset(); })
+        .def_prop_ro("mass", [](const GripLoop& own) { return own.grip->mass; })
+        .def_prop_ro("load_bound", [](const GripLoop& own) { return own.grip->load_bound; })
+        .def_prop_ro("reflexes", [](const GripLoop& own) { return own.grip->reflexes; })
+        .def_prop_ro("blind", [](const GripLoop& own) { return own.grip->blind; });
+    const auto told = [&grip](const char* name, double* Grip::* values, int width) {
+        grip.def_prop_ro(name, [values, width](nb::handle self) {
+            Grip& own = *nb::cast<GripLoop&>(self).grip;
+            const std::size_t k = own.contacts();
+            if (width == 0) return view(own.*values, {static_cast<std::size_t>(own.joints())}, self);
+            if (width == 3) return view(own.*values, {k, 3}, self);
+            return view(own.*values, {k}, self);
+        });
+    };
+    told("forces", &Grip::forces, 3);
+    told("wanted", &Grip::wanted, 3);
+    told("felt", &Grip::felt, 3);
+    told("torques", &Grip::torques, 0);
+    told("mu", &Grip::mu, 1);
+    told("mu_low", &Grip::mu_low, 1);
+    told("mu_high", &Grip::mu_high, 1);
+    told("slipping", &Grip::slipping, 1);
+    grip.def_prop_ro("load", [](nb::handle self) { return view(nb::cast<GripLoop&>(self).grip->load, {6}, self); });
     nb::class_<Box>(m, "Box")
         .def(nb::new_(&make_box), "H"_a, "eps"_a, "fixed"_a, "row"_a)
         .def(

@@ -6,6 +6,7 @@
 #include "core/closing.hpp"
 #include "core/forces.hpp"
 #include "core/multipliers.hpp"
+#include "core/grip.hpp"
 #include "core/online.hpp"
 #include "core/springs.hpp"
 #include "core/touch.hpp"

@@ -1,0 +1,329 @@
+"""Controllers that hold a grasp, against each other on the same trials, in the simulation.
+
+    python benchmarks/execution.py --seed 7 --trials 60 [--controllers constant reflex ...] [--jobs 2] [--json]
+
+Hands: an Allegro, a Psyonic with five fingers, a Panda's jaws; objects: can, box, ball, bottle, bar, as far as a grasp
+of each is planned, with friction 0.6 and the told mass. Each trial draws friction (0.25 to 1), mass (0.4 to 2.5 of the
+told one), an event 1 s after the object is let go (its weight doubles, it is pushed by its weight for 0.15 s, the arm
+accelerates with 4 m/s^2 and brakes, or nothing), contacts 1/5 to 20 times as stiff as planned, drives that make 0.7 to
+1.3 of what they are told, commands that take 5 or 66 ms. Sensors: 20 ms late, 10 % noise, 5 % of the measurements lost.
+
+Kept: the object is still held at rest at the end, less than 40 mm from where it was. Travel: its largest way, of what
+was kept (median). Squeeze over least: sum of the normal forces in the last 0.3 s over that of the forces of least
+squares for the true load and friction, of what was kept (median). Over cap: share of trials in which a normal force
+exceeds three times the largest planned one.
+
+A controller of your own: a function of a plan, what happens (``Happening``, which only an oracle looks into) and the
+cap [N], that returns a :class:`pinograsp.reflex.Controller`, and an entry in ``CONTROLLERS``. Writes execution.csv
+beside this file; the last line is JSON with ``--json``. Some 4 s for each trial of each controller.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import joblib
+import numpy as np
+from results import header, table, write_rows
+from tqdm import tqdm
+
+import pinograsp as pg
+from pinograsp.objects.body import Body
+from pinograsp.planner import GraspPlan
+from pinograsp.reflex import Command, Controller, Felt
+from pinograsp.simulation import BaseMotion, Disturbance, Push, Sensors
+from pinograsp.spatial import Array
+
+HERE = Path(__file__).resolve().parent
+HANDS = ("allegro_right", "psyonic_right", "panda")
+MU, SEARCHED = 0.6, 32  # planned friction; samples of a search
+EVENTS = ("none", "double", "push", "arm")
+EVENT, HOLD, GONE, LAST = 1.0, 2.2, 0.04, 0.3  # [s] after the object is let go; [s]; [m]; [s]
+LETTING_GO, PUSHED, DELAY = 0.2, 0.15, 0.02  # [s]
+CAP = 3.0  # times the largest planned normal force
+ARM = 4.0 * np.array([0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 0.0])  # [m/s^2]
+ARM_TIMES = EVENT + LETTING_GO + np.array([0.0, 0.05, 0.25, 0.3, 0.35, 0.55, 0.6])  # [s] after t_F
+
+
+@dataclass(frozen=True)
+class Happening:
+    """What happens in a trial; ``direction`` (3,) of a push or of the arm's acceleration; ``drives``: what they make of
+    what they are told, by joint.
+    """
+
+    mu: float
+    mass: float
+    event: str
+    stiffness: float
+    delay: float
+    drives: Array
+    direction: Array
+    seed: int
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Happening:
+        """One at random."""
+        direction = rng.normal(size=3)
+        return cls(
+            mu=rng.uniform(0.25, 1.0),
+            mass=math.exp(rng.uniform(math.log(0.4), math.log(2.5))),
+            event=str(rng.choice(EVENTS)),
+            stiffness=math.exp(rng.uniform(math.log(0.2), math.log(20.0))),
+            delay=float(rng.choice([0.005, 0.066])),
+            drives=rng.uniform(0.7, 1.3, 64),
+            direction=direction / np.linalg.norm(direction),
+            seed=int(rng.integers(1_000_000)),
+        )
+
+    def disturb(self, plan: GraspPlan) -> Disturbance:
+        """The same for the simulation."""
+        weight = self._weight(plan)
+        pushes: tuple[Push, ...] = ()
+        motion = None
+        if self.event == "double":
+            pushes = (Push(wrench_o=[*weight, 0.0, 0.0, 0.0], start=EVENT, duration=HOLD - EVENT),)
+        elif self.event == "push":
+            push = np.linalg.norm(weight) * self.direction
+            pushes = (Push(wrench_o=[*push, 0.0, 0.0, 0.0], start=EVENT, duration=PUSHED),)
+        elif self.event == "arm":
+            motion = BaseMotion(times=ARM_TIMES, accelerations=np.outer(ARM, self.direction))
+        return Disturbance(
+            pushes=pushes,
+            base_motion=motion,
+            mu=self.mu,
+            mass_factor=self.mass,
+            stiffness=self.stiffness,
+            drive_gain=self.drives[: plan.hand.n],
+            command_delay=self.delay,
+        )
+
+    def load(self, plan: GraspPlan, since: float) -> Array:
+        """The true load (6,) at a time after t_F [s]."""
+        load, weight, after = np.zeros(6), self._weight(plan), since - LETTING_GO - EVENT
+        load[:3] = weight
+        if self.event == "double" and after >= 0.0:
+            load[:3] += weight
+        elif self.event == "push" and 0.0 <= after < PUSHED:
+            load[:3] += np.linalg.norm(weight) * self.direction
+        elif self.event == "arm":
+            load[:3] -= self.mass * plan.body_mass * np.interp(since, ARM_TIMES, ARM) * self.direction
+        return load
+
+    def _weight(self, plan: GraspPlan) -> Array:
+        return self.mass * plan.body_mass * plan.gravity_o
+
+
+Maker = Callable[[GraspPlan, Happening, float], Controller]
+
+
+def squeeze_constantly(factor: float) -> Maker:
+    """The plan's squeeze, so many times."""
+
+    def make(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
+        bias, joint_map, planned = _maps_of(plan)
+        torques = bias + factor * (joint_map @ planned.ravel())
+        return lambda felt: Command(torques)
+
+    return make
+
+
+def raise_on_slip(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
+    """3 % more squeeze every 2 ms while anything slips, a tenth of a per cent less every 2 ms else."""
+    bias, joint_map, planned = _maps_of(plan)
+    squeezed, factor, told = joint_map @ planned.ravel(), 1.0, -math.inf
+
+    def control(felt: Felt) -> Command:
+        nonlocal factor, told
+        if felt.slips is not None and felt.slips.time >= told + 2e-3:
+            told = felt.slips.time
+            factor *= 1.03 if felt.slips.value.any() else 0.999
+            factor = min(max(factor, 0.5), cap / planned[:, 2].max())
+        return Command(bias + factor * squeezed)
+
+    return control
+
+
+def keep_ratio(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
+    """Normal forces of 1.25 times what the felt tangential ones ask for with the planned friction, smoothed for 20 ms,
+    and no less than half of the planned.
+    """
+    bias, joint_map, planned = _maps_of(plan)
+    felt_forces = planned.copy()
+
+    def control(felt: Felt) -> Command:
+        nonlocal felt_forces
+        if felt.forces is not None:
+            felt_forces = felt_forces + 0.05 * (felt.forces.value - felt_forces)
+        wanted = planned.copy()
+        asked = 1.25 * np.linalg.norm(felt_forces[:, :2], axis=1) / MU
+        wanted[:, 2] = np.clip(asked, 0.5 * planned[:, 2], cap)
+        return Command(bias + joint_map @ wanted.ravel())
+
+    return control
+
+
+def reflex(*quantities: str) -> Maker:
+    """The package's own, which feels these."""
+
+    def make(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
+        controller = plan.grip_controller(latency=DELAY + happening.delay, max_normal_force=cap)
+        return lambda felt: controller.step(Felt(felt.time, **{name: getattr(felt, name) for name in quantities}))
+
+    return make
+
+
+def oracle(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
+    """Knows load and friction at once; its commands take as long as others'."""
+    bias, joint_map, planned = _maps_of(plan)
+    internal, start, loop = np.array(_grip_of(plan)["internal"]), float(plan.motion.times[-1]), _loop_of(plan, cap)
+    told = float(np.linalg.norm(plan.load[:3]))
+
+    def control(felt: Felt) -> Command:
+        load = happening.load(plan, felt.time - start)
+        more = min(4.0, float(np.linalg.norm(load[:3])) / told * MU / happening.mu)
+        loop.least[:] = np.minimum(0.6 * more * planned[:, 2], cap)
+        forces, _, _ = loop.step(load, mu=happening.mu / 1.25)
+        return Command(bias + joint_map @ (planned.ravel() + internal @ (forces - planned).ravel()))
+
+    return control
+
+
+CONTROLLERS: dict[str, tuple[str, Maker]] = {
+    "constant": ("nothing", squeeze_constantly(1.0)),
+    "constant 1.5": ("nothing", squeeze_constantly(1.5)),
+    "constant 3": ("nothing", squeeze_constantly(3.0)),
+    "raise on slip": ("slip", raise_on_slip),
+    "ratio": ("force vectors", keep_ratio),
+    "reflex": ("force vectors, slip", reflex("forces", "slips")),
+    "reflex normal forces": ("normal forces, slip", reflex("normal_forces", "slips")),
+    "reflex currents": ("joint torques", reflex("torques")),
+    "oracle": ("load, friction", oracle),
+}
+
+
+def _grip_of(plan: GraspPlan) -> dict[str, object]:
+    return plan.grip_controller().constants()
+
+
+def _maps_of(plan: GraspPlan) -> tuple[Array, Array, Array]:
+    """Torques without a squeeze (n,), torques by forces (n, 3k), planned forces (k, 3)."""
+    grip = _grip_of(plan)
+    return np.array(grip["bias"]), np.array(grip["joint_map"]), np.array(grip["planned"])
+
+
+def _loop_of(plan: GraspPlan, cap: float) -> pg.OnlineForces:
+    problem = replace(plan.problem, torques=None, friction=replace(plan.problem.friction, safety=1.0))
+    return pg.OnlineForces(problem, normal_forces=(0.0, cap))
+
+
+def plan_grasps(jobs: int) -> list[tuple[str, GraspPlan]]:
+    """Of all hands and objects."""
+    objects: dict[str, Body] = {
+        "can": pg.Cylinder(radius=0.033, height=0.12, mass=0.25),
+        "box": pg.Box(size=(0.05, 0.06, 0.1), mass=0.25),
+        "ball": pg.Sphere(radius=0.035, mass=0.15),
+        "bottle": pg.Cylinder(radius=0.028, height=0.18, mass=0.3),
+        "bar": pg.Box(size=(0.04, 0.04, 0.14), mass=0.2),
+    }
+    conditions, plans = pg.GraspConditions(mu=MU), list[tuple[str, GraspPlan]]()
+    for hand in tqdm([pg.load_hand(name) for name in HANDS], desc="grasps"):
+        for name, body in objects.items():
+            found = pg.find_grasps(hand, body, conditions, count=SEARCHED, seed=1, jobs=jobs, progress=False)
+            plan = pg.plan_best(found, conditions, progress=False)
+            if plan.status is pg.Status.OK:
+                plans.append((name, plan))
+    return plans
+
+
+def run_trial(plan: GraspPlan, happening: Happening, name: str) -> dict[str, object]:
+    """One trial of one controller."""
+    cap = CAP * float(plan.forces.normal_forces.max())
+    sensors = Sensors(
+        quantities=("forces", "normal_forces", "slips", "torques"),
+        noise=0.1,
+        delay=DELAY,
+        loss=0.05,
+        seed=happening.seed,
+    )
+    row: dict[str, object] = {"controller": name, "kept": False}
+    try:
+        seen = pg.simulate(
+            plan,
+            disturbance=happening.disturb(plan),
+            controller=CONTROLLERS[name][1](plan, happening, cap),
+            sensors=sensors,
+            hold=HOLD,
+            letting_go=LETTING_GO,
+            support="fixed",
+            sample=4e-3,
+        )
+    except pg.errors.SimulationDiverged as error:
+        return row | {"why": str(error).splitlines()[0]}
+    times, places = seen.times, seen.object_poses[:, :3, 3]
+    away = np.linalg.norm(places - places[seen.complete], axis=1)
+    last = times >= times[-1] - LAST
+    rests = float(np.linalg.norm(np.ptp(places[last], axis=0))) < 5e-3
+    whole = times[-1] >= plan.motion.times[-1] + LETTING_GO + HOLD - 0.01
+    kept = bool(whole and rests and away.max() < GONE and (seen.normal_forces[-1] > 0).sum() > 1)
+    loop = _loop_of(plan, 1e4)
+    least, _, _ = loop.step(happening.load(plan, 10.0), mu=happening.mu)
+    return row | {
+        "kept": kept,
+        "travel_mm": round(1e3 * float(away.max()), 3),
+        "squeeze_over_least": round(float(seen.normal_forces[last].sum(axis=1).mean() / least[:, 2].sum()), 3),
+        "over_cap": bool(seen.normal_forces[seen.complete :].max() > cap),
+        "why": "" if kept else seen.verdict.reason,
+    }
+
+
+def summarize(rows: list[dict[str, object]]) -> dict[str, float]:
+    """Scores of one controller."""
+    kept = [row for row in rows if row["kept"]]
+
+    def middle(name: str) -> float:
+        return round(float(np.median([float(str(row[name])) for row in kept])), 3) if kept else math.nan
+
+    return {
+        "kept": round(len(kept) / len(rows), 4),
+        "travel_mm": middle("travel_mm"),
+        "squeeze_over_least": middle("squeeze_over_least"),
+        "over_cap": round(sum(bool(row.get("over_cap")) for row in rows) / len(rows), 4),
+    }
+
+
+def main() -> None:
+    """Run it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--trials", type=int, default=60)
+    parser.add_argument("--controllers", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS))
+    parser.add_argument("--jobs", type=int, default=-1)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    rng, plans = np.random.default_rng(args.seed), plan_grasps(args.jobs)
+    trials = [(*plans[i % len(plans)], Happening.draw(rng)) for i in range(args.trials)]
+    work = [(what, plan, happening, name) for what, plan, happening in trials for name in args.controllers]
+    calls = (joblib.delayed(run_trial)(plan, happening, name) for _, plan, happening, name in work)
+    first = header(["mujoco-core", "numpy", "pinograsp"], f"seed {args.seed}", f"{args.trials} trials")
+    rows = list[dict[str, object]]()
+    for (what, plan, happening, _), row in zip(
+        work, tqdm(joblib.Parallel(n_jobs=args.jobs, return_as="generator")(calls), total=len(work))
+    ):
+        drawn = {name: getattr(happening, name) for name in ("mu", "mass", "event", "stiffness", "delay", "seed")}
+        drawn = {name: round(value, 4) if isinstance(value, float) else value for name, value in drawn.items()}
+        rows.append({"hand": plan.hand.name, "object": what, **drawn, **row})
+        write_rows(HERE / "execution.csv", first, rows)
+    scores = {name: summarize([row for row in rows if row["controller"] == name]) for name in args.controllers}
+    print(first)
+    print(table([{"controller": name, "feels": CONTROLLERS[name][0], **score} for name, score in scores.items()]))
+    if args.json:
+        print(json.dumps({"controllers": scores}))
+
+
+if __name__ == "__main__":
+    main()

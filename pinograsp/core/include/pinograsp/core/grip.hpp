@@ -1,0 +1,442 @@
+// A squeeze that follows what is felt: friction, load and slip are estimated tick by tick, the forces are those of
+// `Online` for them. All memory is taken when it is set up.
+//
+// What is commanded are the planned forces and internal ones besides, so that a squeeze never pushes the object away by
+// itself: f = f0 + P (f* - f0), with f* the forces of least squares for the load that is felt, in the cones of the
+// friction that is believed over a margin, and never under a share of the planned squeeze. Whoever slips tells its
+// friction; where most of the squeeze slips, it jumps at once and is released slowly.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "online.hpp"
+
+namespace pinograsp::core {
+inline namespace PINOGRASP_CORE_LEVEL {
+
+enum class Feeling : int { forces = 0, normal_forces = 1, slips = 2, torques = 3, wrench = 4, acceleration = 5 };
+constexpr int feelings = 6;
+
+// What a grip is set up with, besides the loop of its forces.
+struct GripSetup {
+    double period = 1e-3;      // of the ticks [s]
+    double latency = 0.0;      // of sensors and drives together [s]
+    double smoothing = 0.015;  // of what is felt [s]
+    double noise = 0.1;        // standard deviation of a felt force, as a share of it
+    double margin = 1.25;      // friction is used up to mu over it
+    double kept = 0.45;        // share of the planned squeeze that stays, in proportion to load over friction
+    double unfelt = 1.0;       // the same where no load is felt
+    double jump = 1.8;         // times the felt normal forces where most of the squeeze slips
+    double calm = 0.25;        // without slip, before the squeeze is released [s]
+    double release = 0.4;      // in which it falls to 1/e of what it was [s]
+    double blind = 0.05;       // without any measurement, after which nothing is released [s]
+    double gravity[3] = {0.0, 0.0, -9.81};  // [m/s^2]
+    double load[6] = {};                    // as planned, about the centre of mass [N, N m]
+    bool tells_load = false;                // whether the joints' torques tell forces with their tangential parts
+    std::vector<double> planned;            // forces in contact axes (k, 3) [N]
+    std::vector<double> grasp_map;          // (6, 3 k)
+    std::vector<double> internal;           // projection on the internal forces (3 k, 3 k)
+    std::vector<double> joint_map;          // torques by forces (n, 3 k)
+    std::vector<double> from_torques;       // forces by torques (3 k, n)
+    std::vector<double> bias;               // torques besides (n) [N m or N]
+    std::vector<double> torque_limit;       // (n); infinity: none
+    std::vector<double> most;               // F_n (k) [N]
+    std::vector<double> mu;                 // as planned (k)
+};
+
+// What no grip can be set up with: the name of the first such field; none (nullptr) where all can be used.
+inline const char* fault_of(const GripSetup& setup, const OnlineSetup& online) {
+    const std::size_t k = online.contacts, n = setup.bias.size();
+    const auto positive = [](double one) { return one > 0.0 && one <= 1e9; };
+    const auto fits = [](const std::vector<double>& values, std::size_t count) {
+        return values.size() == count && !not_finite(values.data(), count);
+    };
+    if (!positive(setup.period)) return "period";
+    if (!(setup.latency >= 0.0 && setup.latency <= 10.0)) return "latency";
+    if (!positive(setup.smoothing)) return "smoothing";
+    if (!(setup.noise >= 0.0 && setup.noise <= 10.0)) return "noise";
+    if (!(setup.margin >= 1.0 && setup.margin <= 1e3)) return "margin";
+    if (!(setup.kept >= 0.0 && setup.kept <= 1e3)) return "kept";
+    if (!(setup.unfelt >= 0.0 && setup.unfelt <= 1e3)) return "unfelt";
+    if (!(setup.jump >= 1.0 && setup.jump <= 1e3)) return "jump";
+    if (!(setup.calm >= 0.0)) return "calm";
+    if (!positive(setup.release)) return "release";
+    if (!(setup.blind >= 0.0)) return "blind";
+    if (not_finite(setup.gravity, 3)) return "gravity";
+    if (not_finite(setup.load, 6)) return "load";
+    if (!fits(setup.planned, 3 * k)) return "planned";
+    if (!fits(setup.grasp_map, 18 * k)) return "grasp_map";
+    if (!fits(setup.internal, 9 * k * k)) return "internal";
+    if (n > static_cast<std::size_t>(most_contacts)) return "bias";
+    if (!fits(setup.bias, n)) return "bias";
+    if (!fits(setup.joint_map, 3 * k * n)) return "joint_map";
+    if (!fits(setup.from_torques, 3 * k * n)) return "from_torques";
+    if (setup.torque_limit.size() != n) return "torque_limit";
+    for (double one : setup.torque_limit)
+        if (!(one >= 0.0)) return "torque_limit";
+    if (setup.most.size() != k) return "most";
+    if (!fits(setup.mu, k)) return "mu";
+    for (std::size_t i = 0; i < k; ++i)
+        if (!(setup.most[i] >= 0.0) || !(setup.mu[i] >= 0.0)) return "most, mu";
+    return nullptr;
+}
+
+class Grip {
+public:
+    // On a loop, which stays where it is, with points, frames, Jacobian and gravity set.
+    Grip(Online& online, const GripSetup& setup)
+        : online_(online), setup_(setup), k_(online.setup().contacts), n_(static_cast<int>(setup.bias.size())) {
+        for (double** part : {&felt, &wanted, &forces, &more_, &lagging_, &given_, &work_})
+            *part = memory_.part<double>(3 * k_);
+        for (double** part : {&floor_, &level_, &since_, &mu_low, &mu_high, &mu, &slipping})
+            *part = memory_.part<double>(k_);
+        torques = memory_.part<double>(n_);
+        reset();
+    }
+
+    // Outputs of the last tick.
+    double* forces = nullptr;    // commanded, in contact axes (k, 3) [N]
+    double* torques = nullptr;   // (n) [N m or N]
+    double* wanted = nullptr;    // for the load that is felt, of which internal parts are commanded (k, 3) [N]
+    double* felt = nullptr;      // smoothed forces (k, 3) [N]
+    double* mu = nullptr;        // friction that is believed (k)
+    double* mu_low = nullptr;    // it is no less than that (k)
+    double* mu_high = nullptr;   // nor more than that (k); infinity: nothing has slipped
+    double* slipping = nullptr;  // 1: the contact slips (k)
+    double load[6] = {};         // about the centre of mass [N, N m]
+    double load_bound = 0.0;     // three standard deviations of its force [N]; infinity: none is felt
+    double mass = 0.0;           // [kg]
+    int reflexes = 0;            // so often the squeeze has jumped
+    bool blind = false;          // nothing has been measured for a while: nothing is released
+
+    int contacts() const { return k_; }
+    int joints() const { return n_; }
+
+    // How many numbers one kind of measurement has.
+    int size_of(Feeling kind) const {
+        switch (kind) {
+            case Feeling::forces:
+                return 3 * k_;
+            case Feeling::normal_forces:
+            case Feeling::slips:
+                return k_;
+            case Feeling::torques:
+                return n_;
+            case Feeling::wrench:
+                return 6;
+            case Feeling::acceleration:
+                return 3;
+        }
+        return 0;
+    }
+
+    // Take in a measurement of a time [s]; false: it is nonsense, or not newer than the last one, and changes nothing.
+    bool feel(Feeling kind, const double* values, double time) {
+        const int size = size_of(kind), which = static_cast<int>(kind);
+        if (!std::isfinite(time) || (std::isfinite(now_) && time > now_ + most_ahead) || !(time > stamps_[which]))
+            return false;
+        for (int i = 0; i < size; ++i)
+            if (!(std::fabs(values[i]) < most_felt)) return false;
+        const double apart = std::isfinite(stamps_[which]) ? time - stamps_[which] : infinity;
+        const double share = 1.0 - std::exp(-apart / setup_.smoothing);
+        stamps_[which] = time;
+        fresh_ = max(fresh_, time);
+        // Of the mean of what was felt, in those of one measurement.
+        spreads_[which] = (1.0 - share) * (1.0 - share) * spreads_[which] + share * share;
+        switch (kind) {
+            case Feeling::forces:
+                for (int i = 0; i < size; ++i) felt[i] += share * (values[i] - felt[i]);
+                break;
+            case Feeling::normal_forces:
+                for (int i = 0; i < k_; ++i) felt[3 * i + 2] += share * (values[i] - felt[3 * i + 2]);
+                break;
+            case Feeling::slips:
+                for (int i = 0; i < k_; ++i) {
+                    slipping[i] = values[i] > 0.0 ? 1.0 : 0.0;
+                    const double step = min(apart, longest);
+                    since_[i] = slipping[i] > 0.0 ? since_[i] + step : max(0.0, since_[i] - 0.5 * step);
+                }
+                break;
+            case Feeling::torques:
+                feel_torques(values, share);
+                break;
+            case Feeling::wrench:
+                for (int r = 0; r < 6; ++r) wrench_[r] += share * (-values[r] - wrench_[r]);
+                break;
+            case Feeling::acceleration:
+                for (int c = 0; c < 3; ++c) acceleration_[c] += share * (values[c] - acceleration_[c]);
+                break;
+        }
+        return true;
+    }
+
+    // Forces and torques for a time [s], which grows.
+    Tick tick(double now) {
+        if (!std::isfinite(now) || now < now_) return Tick::unusable;
+        const double dt = std::isfinite(now_) ? min(now - now_, longest) : 0.0;
+        now_ = now;
+        if (!std::isfinite(begun_)) begun_ = now;
+        blind = now - max(fresh_, begun_) > setup_.blind;
+        estimate();
+        learn_friction(dt);
+        const bool jumped = react();
+        set_floor(dt);
+        const Tick found = solve();
+        follow(dt, jumped);
+        command();
+        return found;
+    }
+
+    // Forget all that was felt.
+    void reset() {
+        std::copy_n(setup_.planned.data(), 3 * k_, felt);
+        std::copy_n(setup_.planned.data(), 3 * k_, wanted);
+        std::copy_n(setup_.planned.data(), 3 * k_, lagging_);
+        std::fill_n(more_, 3 * k_, 0.0);
+        for (int i = 0; i < k_; ++i) {
+            floor_[i] = min(max(setup_.planned[3 * i + 2], 0.0), setup_.most[i]);
+            level_[i] = since_[i] = slipping[i] = mu_low[i] = 0.0;
+            mu_high[i] = given_[i] = infinity;
+            mu[i] = setup_.mu[i];
+        }
+        std::fill_n(stamps_, feelings, -infinity);
+        std::fill_n(spreads_, feelings, 1.0);
+        std::copy_n(setup_.load, 6, wrench_);
+        std::fill_n(acceleration_, 3, 0.0);
+        now_ = fresh_ = begun_ = -infinity;
+        slipped_ = jumped_ = -infinity;
+        reflexes = 0;
+        online_.reset();
+        command();
+    }
+
+private:
+    static constexpr double longest = 0.05;    // of a step in time that counts [s]
+    static constexpr double most_ahead = 1.0;  // [s] that a measurement's clock may be ahead
+    static constexpr double most_felt = 1e6;   // what is larger is nonsense
+    static constexpr double sustained = 0.01;  // of slip that counts [s]
+    static constexpr double settling = 0.3;    // after the beginning, before anything is released [s]
+    static constexpr double firm = 0.3;        // [N] with less, a contact tells no friction
+    static constexpr double relaxing = 0.2;    // of what is too much, in the time of the latencies
+    static constexpr double most_less = 0.8;   // times the wanted forces: what is taken off a squeeze that is too hard
+    static constexpr double rising = 1.1;      // times as much is wanted than before: then nothing is taken off
+    static constexpr double dropping = 0.005;  // [s] in which that is given back
+    static constexpr double nearer = 0.1;      // of what is asked for beyond what the hand can, in a tick
+    static constexpr double learning = 0.02;   // of a slipping contact's friction [s]
+    static constexpr double most_times = 4.0;  // the planned load over friction: more is no guide
+
+    Online& online_;
+    GripSetup setup_;
+    int k_, n_;
+    Memory memory_;
+    double* floor_ = nullptr;    // F_n is no less (k) [N]
+    double* level_ = nullptr;    // under which it slipped, with a margin, where friction is not felt (k) [N]
+    double* since_ = nullptr;    // how long contacts have slipped (k) [s]
+    double* more_ = nullptr;     // internal forces that make up for what drives and servos do else (k, 3) [N]
+    double* lagging_ = nullptr;  // wanted, as late as it is felt (k, 3) [N]
+    double* given_ = nullptr;    // friction of contacts that slip (k)
+    double* work_ = nullptr;
+    double stamps_[feelings], spreads_[feelings] = {}, wrench_[6], acceleration_[3];
+    double now_ = -infinity, fresh_ = -infinity, begun_ = -infinity, slipped_ = -infinity, jumped_ = -infinity;
+    bool feasible_ = true;
+
+    // The latency of all, smoothing included [s].
+    double lag() const { return setup_.latency + setup_.smoothing + setup_.period; }
+    bool is_fresh(Feeling kind) const {
+        return now_ - stamps_[static_cast<int>(kind)] <= setup_.blind + setup_.latency;
+    }
+    bool tells_vectors() const {
+        return is_fresh(Feeling::forces) || (setup_.tells_load && is_fresh(Feeling::torques));
+    }
+    bool tells_normals() const {
+        return tells_vectors() || is_fresh(Feeling::normal_forces) || is_fresh(Feeling::torques);
+    }
+    bool tells_slips() const { return std::isfinite(stamps_[static_cast<int>(Feeling::slips)]); }
+    // Of the smoothed vectors, in variances of one measurement.
+    double spread() const {
+        const bool own = is_fresh(Feeling::forces);
+        return spreads_[static_cast<int>(own ? Feeling::forces : Feeling::torques)];
+    }
+
+    void feel_torques(const double* values, double share) {
+        if (is_fresh(Feeling::forces)) return;  // those tell more
+        for (int r = 0; r < 3 * k_; ++r) {
+            const bool normal = r % 3 == 2;
+            if (!(normal ? !is_fresh(Feeling::normal_forces) : setup_.tells_load)) continue;
+            double found = 0.0;
+            for (int j = 0; j < n_; ++j) found += setup_.from_torques[r * n_ + j] * (values[j] - setup_.bias[j]);
+            felt[r] += share * ((normal ? max(found, 0.0) : found) - felt[r]);
+        }
+    }
+
+    // Load and mass.
+    void estimate() {
+        double pull[3];  // gravity less acceleration
+        for (int c = 0; c < 3; ++c)
+            pull[c] = setup_.gravity[c] - (is_fresh(Feeling::acceleration) ? acceleration_[c] : 0.0);
+        const double own = dot3(setup_.gravity, setup_.gravity);
+        if (is_fresh(Feeling::wrench)) {
+            std::copy_n(wrench_, 6, load);
+            load_bound = 3.0 * setup_.noise * std::sqrt(spreads_[static_cast<int>(Feeling::wrench)] * dot3(load, load));
+        } else if (tells_vectors()) {
+            double squares = 0.0;
+            for (int r = 0; r < 3 * k_; ++r) squares += felt[r] * felt[r];
+            for (int r = 0; r < 6; ++r) {
+                load[r] = 0.0;
+                for (int c = 0; c < 3 * k_; ++c) load[r] -= setup_.grasp_map[r * 3 * k_ + c] * felt[c];
+            }
+            load_bound = 3.0 * setup_.noise * std::sqrt(spread() * squares);
+        } else {
+            std::copy_n(setup_.load, 6, load);
+            const double planned = own > 0.0 ? dot3(setup_.load, setup_.gravity) / own : 0.0;
+            for (int c = 0; c < 3; ++c) load[c] -= planned * (setup_.gravity[c] - pull[c]);
+            load_bound = infinity;
+        }
+        const double square = dot3(pull, pull);
+        mass = square > 0.0 ? max(0.0, dot3(load, pull) / square) : 0.0;
+    }
+
+    // Bounds of friction: what holds at a ratio has it at least, what slips at one has no more.
+    void learn_friction(double dt) {
+        const double doubt = 3.0 * setup_.noise * std::sqrt(2.0 * spread());
+        const bool felt_vectors = tells_vectors();
+        for (int i = 0; i < k_; ++i) {
+            const double normal = felt[3 * i + 2];
+            if (felt_vectors && normal > firm) {
+                const double ratio = std::hypot(felt[3 * i], felt[3 * i + 1]) / normal;
+                mu_low[i] = max(mu_low[i], ratio * max(0.0, 1.0 - doubt));
+                if (slips_long(i)) {
+                    const double share = 1.0 - std::exp(-dt / learning);
+                    given_[i] = std::isfinite(given_[i]) ? given_[i] + share * (ratio - given_[i]) : ratio;
+                    mu_high[i] = given_[i] * (1.0 + doubt);
+                }
+            }
+            mu_high[i] = max(mu_high[i], mu_low[i]);
+            mu[i] = max(min(mu_low[i], setup_.mu[i]), min(setup_.mu[i], given_[i]));
+        }
+    }
+
+    bool slips_long(int i) const { return slipping[i] > 0.0 && since_[i] > sustained; }
+
+    // Whether the squeeze has jumped: most of it slips.
+    bool react() {
+        double whole = 0.0, part = 0.0;
+        for (int i = 0; i < k_; ++i) {
+            const double normal = max(felt[3 * i + 2], 0.0);
+            whole += normal;
+            if (since_[i] > sustained && is_fresh(Feeling::slips)) part += normal;
+        }
+        // Where no forces hold the load with that friction, more squeeze only pushes the object out.
+        if (!(part > 0.5 * whole) || !feasible_) return false;
+        slipped_ = now_;
+        if (now_ - jumped_ <= lag() + sustained) return false;  // the last jump is not felt yet
+        jumped_ = now_;
+        ++reflexes;
+        const bool vectors = tells_vectors();
+        for (int i = 0; i < k_; ++i) {
+            const double normal = tells_normals() ? max(felt[3 * i + 2], 0.0) : forces[3 * i + 2];
+            if (!vectors) level_[i] = max(level_[i], setup_.margin * normal);
+            floor_[i] = max(floor_[i], setup_.jump * normal);
+        }
+        return true;
+    }
+
+    // The least F_n: falls slowly to the share of the planned squeeze that stays.
+    void set_floor(double dt) {
+        const bool vectors = load_bound<infinity, settled = now_ - begun_> settling;
+        if (settled && !blind && now_ - slipped_ > setup_.calm + setup_.latency) {
+            const double share = std::exp(-dt / setup_.release);
+            for (int i = 0; i < k_; ++i) floor_[i] *= share;
+        }
+        if (settled) {
+            const double planned = std::sqrt(dot3(setup_.load, setup_.load));
+            const double times = planned > 0.0 ? std::sqrt(dot3(load, load)) / planned : 1.0;
+            for (int i = 0; i < k_; ++i) {
+                const double more = min(most_times, times * setup_.mu[i] / max(mu[i], 0.05));
+                const double kept = vectors && tells_slips() ? setup_.kept * more : setup_.unfelt * max(1.0, more);
+                floor_[i] = max(max(floor_[i], level_[i]), kept * max(setup_.planned[3 * i + 2], 0.0));
+            }
+        }
+        for (int i = 0; i < k_; ++i) floor_[i] = min(floor_[i], setup_.most[i]);
+    }
+
+    // The wanted forces: with a margin of the friction that is believed; where none hold the load so, with all of it,
+    // or else those of before.
+    Tick solve() {
+        const Tick found = solve_with(setup_.margin);
+        feasible_ = found == Tick::converged;
+        if (feasible_ || solve_with(1.0) == Tick::converged) {
+            std::copy_n(online_.forces, 3 * k_, wanted);
+        } else {  // more than the hand can: nearer to what it could, tick by tick
+            for (int i = 0; i < k_; ++i) floor_[i] += nearer * min(0.0, wanted[3 * i + 2] - floor_[i]);
+        }
+        return found;
+    }
+
+    Tick solve_with(double margin) {
+        for (int i = 0; i < k_; ++i) {
+            online_.mu[i] = mu[i] / margin;
+            online_.largest[i] = setup_.most[i];
+            online_.least[i] = floor_[i];
+        }
+        online_.moved = true;
+        std::copy_n(load, 6, online_.wrench);
+        return online_.tick();
+    }
+
+    // What is felt too much is taken off, slowly; given back at once where more is wanted.
+    void follow(double dt, bool jumped) {
+        const double share = 1.0 - std::exp(-dt / lag());
+        double sum = 0.0, late = 0.0, seen = 0.0;
+        for (int i = 0; i < k_; ++i) {
+            for (int c = 3 * i; c < 3 * i + 3; ++c) lagging_[c] += share * (wanted[c] - lagging_[c]);
+            sum += wanted[3 * i + 2];
+            late += lagging_[3 * i + 2];
+            seen += felt[3 * i + 2];
+        }
+        if (jumped || now_ == slipped_ || sum > rising * late) {
+            const double left = std::exp(-dt / dropping);
+            for (int c = 0; c < 3 * k_; ++c) more_[c] *= left;
+        } else if (feasible_ && !blind && tells_normals() && now_ - begun_ > settling && late < seen) {
+            const bool vectors = tells_vectors();
+            for (int c = 0; c < 3 * k_; ++c) work_[c] = vectors || c % 3 == 2 ? lagging_[c] - felt[c] : 0.0;
+            for (int r = 0; r < 3 * k_; ++r) more_[r] += relaxing / lag() * dt * project(r, work_);
+            for (int i = 0; i < k_; ++i) {
+                const double size = std::sqrt(dot3(more_ + 3 * i, more_ + 3 * i));
+                const double most = most_less * std::sqrt(dot3(wanted + 3 * i, wanted + 3 * i));
+                for (int c = 3 * i; c < 3 * i + 3; ++c) more_[c] *= size > most ? most / size : 1.0;
+            }
+        }
+    }
+
+    double project(int r, const double* values) const {
+        double found = 0.0;
+        for (int c = 0; c < 3 * k_; ++c) found += setup_.internal[r * 3 * k_ + c] * values[c];
+        return found;
+    }
+
+    // Planned forces and internal ones besides, no more than the caps; their torques.
+    void command() {
+        const double* planned = setup_.planned.data();
+        for (int c = 0; c < 3 * k_; ++c) work_[c] = wanted[c] + more_[c] - planned[c];
+        double share = 1.0;
+        for (int r = 0; r < 3 * k_; ++r) {
+            forces[r] = project(r, work_);
+            if (r % 3 == 2 && planned[r] + forces[r] > setup_.most[r / 3])
+                share = min(share, max(0.0, setup_.most[r / 3] - planned[r]) / forces[r]);
+        }
+        for (int r = 0; r < 3 * k_; ++r) forces[r] = planned[r] + share * forces[r];
+        for (int j = 0; j < n_; ++j) {
+            torques[j] = setup_.bias[j];
+            for (int c = 0; c < 3 * k_; ++c) torques[j] += setup_.joint_map[j * 3 * k_ + c] * forces[c];
+            torques[j] = min(max(torques[j], -setup_.torque_limit[j]), setup_.torque_limit[j]);
+        }
+    }
+
+    static double dot3(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+};
+
+}  // namespace PINOGRASP_CORE_LEVEL
+}  // namespace pinograsp::core

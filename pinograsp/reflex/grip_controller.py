@@ -1,0 +1,264 @@
+"""A squeeze that follows what is felt: load, friction and slip, tick by tick."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import null_space
+
+from pinograsp import core
+from pinograsp.checks import array_of, each_of, instance_of, number, shorten
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.forces import ForceProblem, TorqueLimits
+from pinograsp.hands import HandModel
+from pinograsp.motion import OnlineForces, torque_limits
+from pinograsp.reflex.felt import Command, Felt
+from pinograsp.spatial import Array
+
+# Of the core's kinds of measurements, in its order.
+_KINDS = ("forces", "normal_forces", "slips", "torques", "wrench", "acceleration")
+_STATUS = {core.CONVERGED: Status.OK, core.INFEASIBLE: Status.INFEASIBLE, core.STALLED: Status.INACCURATE}
+_SINGULAR = 1e-3  # of the largest torque that a force makes: what makes less is not told by torques
+_BLIND_SHARE = 1.5  # of the planned squeeze that stays where slip is not felt
+
+
+class GripSettings(TypedDict, total=False):
+    """Settings of :class:`GripController`."""
+
+    max_normal_force: ArrayLike | None
+    latency: float
+    noise: float
+    margin: float
+    kept: float
+    release: float
+    max_rate: float | None
+    period: float
+    stiffness: ArrayLike | None
+
+
+class GripController:
+    """Forces, torques and position references of a hand that holds an object, from what is felt at each tick.
+
+    Whatever is measured (:class:`~pinograsp.reflex.Felt`: forces, normal forces, slip, torques, a wrist's wrench, the
+    arm's acceleration) may be given, be missing, come late, or be nonsense, which is left out. What is commanded:
+
+    - The planned forces, and internal ones besides: a squeeze never pushes the object by itself; its weight is held by
+      the servos' stiffness, as planned. The internal ones are those of the forces of least squares for the load that is
+      felt (:class:`~pinograsp.motion.OnlineForces`), with the friction that is believed over ``margin``.
+    - Friction is believed as planned until a contact slips; then as it is felt to slip. No contact is believed to have
+      less than the ratio at which it has held.
+    - Where most of the squeeze slips, it jumps at once, no higher than the caps, unless no forces at all hold the load
+      with that friction: more squeeze would push the object out. The next jump waits until the first one is felt.
+    - Without slip it is released slowly, to no less than ``kept`` of the planned squeeze in proportion to the load over
+      the friction; where slip or load is not felt, to no less than planned.
+    - What is felt too much is taken off slowly, and given back at once where more is wanted.
+    - Without any measurement for 50 ms nothing is released (``blind``).
+
+    No command is above the caps of F_n or the joints' torque limits. The law runs in the compiled core
+    (``pinograsp/core/grip.hpp``), in bounded time, without allocation.
+
+    Attributes:
+        forces: commanded, on the object, in contact axes (k, 3) [N].
+        torques: (n,) [N m or N].
+        positions: for position servos without feed-forward (n,) [rad or m]; empty without ``stiffness``.
+        load: external wrench on the object that is felt (6,), about its centre of mass, world axes [N, N m].
+        load_bound: three standard deviations of its force [N]; infinity: no load is felt.
+        mass: that the load stands for [kg].
+        mu: friction that is believed (k,).
+        mu_low: it is no less than that: the contact has held (k,).
+        mu_high: it is no more than that: the contact has slipped (k,); infinity: it has not.
+        slipping: which contacts slip, as far as that is felt (k,), 0 or 1.
+        reflexes: how often the squeeze has jumped.
+        blind: whether nothing has been measured for a while.
+        status: ``OK``; ``INFEASIBLE``: no forces hold the felt load with the believed friction within the limits, the
+            last ones stay; ``INACCURATE``: none were found; ``INVALID_INPUT``: a time that does not grow.
+
+    The arrays are overwritten by the next step: copy what must stay.
+    """
+
+    def __init__(
+        self,
+        problem: ForceProblem,
+        *,
+        hand: HandModel,
+        q: ArrayLike,
+        forces: ArrayLike,
+        torques: ArrayLike,
+        torque_limit: ArrayLike | None = None,
+        max_normal_force: ArrayLike | None = None,
+        latency: float = 0.0,
+        noise: float = 0.1,
+        margin: float = 1.25,
+        kept: float = 0.45,
+        release: float = 0.4,
+        max_rate: float | None = None,
+        period: float = 1e-3,
+        stiffness: ArrayLike | None = None,
+    ):
+        """Built once from a grasp; of a plan by :meth:`pinograsp.planner.GraspPlan.grip_controller`.
+
+        Args:
+            problem: contacts, friction, load and limits, as planned.
+            hand: that holds.
+            q: its posture (n,) [rad or m].
+            forces: planned, on the object, in contact axes (k, 3) [N].
+            torques: that hold it there (n,) [N m or N].
+            torque_limit: of the joints (n,) [N m or N]; infinity or None: none.
+            max_normal_force: caps of F_n, one number or (k,) [N]; None: what the problem's largest depth and its
+                ``max_normal_force`` allow.
+            latency: how long it takes from a command to its effect, and from there to its measurement [s].
+            noise: standard deviation of felt forces, as a share of them.
+            margin: friction is used up to the believed one over it.
+            kept: share of the planned squeeze that stays, in proportion to load over friction.
+            release: time in which the squeeze falls to 1/e of what it was [s].
+            max_rate: largest |dF_n/dt| of the wanted forces [N/s]; None: any.
+            period: of the loop [s].
+            stiffness: of the hand's position servos, one number or (n,) [N m/rad or N/m], for ``positions``.
+
+        Raises:
+            InvalidInput: what cannot be used, with the reason.
+            ExtraMissing: the compiled core is not installed.
+        """
+        instance_of("problem", problem, ForceProblem)
+        k, n = problem.k, instance_of("hand", hand, HandModel).n
+        f = array_of("forces", forces, (k, 3))
+        holding = array_of("torques", torques, (n,))
+        posture = array_of("q", q, (n,))
+        caps = np.full(k, problem.deepest_force) if max_normal_force is None else each_of("caps", max_normal_force, k)
+        if max_normal_force is None and problem.max_normal_force is not None:
+            caps = np.minimum(caps, problem.max_normal_force)
+        if np.any(caps < f[:, 2] * (1.0 - 1e-9)):
+            raise InvalidInput(
+                f"caps: expected at least the planned normal forces {shorten(f[:, 2].round(3).tolist())} N, got "
+                f"{shorten(np.asarray(caps).tolist())} N"
+            )
+        # Its own margin takes the place of the plan's safety factor.
+        problem = replace(problem, friction=replace(problem.friction, safety=1.0))
+        self.loop = OnlineForces(
+            problem, hand=hand, q=posture, normal_forces=(0.0, caps), max_rate=max_rate, period=period
+        )
+        self.period, self.names = self.loop.period, problem.contacts.names
+        limits = torque_limits(hand, problem.contacts, posture, gravity_o=problem.gravity_o)
+        self._setup = _describe_grasp(problem, limits, f, holding) | {
+            "period": self.period,
+            "latency": number("latency", latency, at_least=0, at_most=10, unit="s"),
+            "noise": number("noise", noise, at_least=0, at_most=10),
+            "margin": number("margin", margin, at_least=1, at_most=1e3),
+            "kept": number("kept", kept, at_least=0, at_most=1e3),
+            "unfelt": _BLIND_SHARE,
+            "release": number("release", release, above=0, unit="s"),
+            "torque_limit": np.full(n, np.inf) if torque_limit is None else _limits_of(torque_limit, n),
+            "most": np.array(caps),
+        }
+        setup = core.load().GripSetup()
+        for name, value in self._setup.items():
+            setattr(setup, name, value)
+        try:
+            self._grip = grip = core.load().Grip(self.loop._loop, setup)
+        except ValueError as error:  # the message names the field
+            value = shorten(self._setup.get(str(error)))
+            raise InvalidInput(f"GripController: expected a {error} of usual size, got {value}") from None
+        self.forces, self.torques, self.load = grip.forces, grip.torques, grip.load
+        self.mu, self.mu_low, self.mu_high, self.slipping = grip.mu, grip.mu_low, grip.mu_high, grip.slipping
+        self.status = Status.OK
+        self._give = None if stiffness is None else 1.0 / _stiffness_of(stiffness, n)
+        self._posture = np.array(posture)
+        self._holding = np.array(holding)
+
+    @property
+    def load_bound(self) -> float:
+        """Three standard deviations of the load's force [N]; infinity: no load is felt."""
+        bound: float = self._grip.load_bound
+        return bound
+
+    @property
+    def mass(self) -> float:
+        """That the load stands for [kg]."""
+        mass: float = self._grip.mass
+        return mass
+
+    @property
+    def reflexes(self) -> int:
+        """How often the squeeze has jumped."""
+        count: int = self._grip.reflexes
+        return count
+
+    @property
+    def blind(self) -> bool:
+        """Whether nothing has been measured for a while."""
+        blind: bool = self._grip.blind
+        return blind
+
+    @property
+    def positions(self) -> Array:
+        """References at which position servos without feed-forward give the torques (n,) [rad or m]."""
+        if self._give is None:
+            return np.zeros(0)
+        references: Array = self._posture + self._give * (self.torques - self._holding)
+        return references
+
+    def reset(self) -> None:
+        """Forget all that was felt: the next tick starts from the plan."""
+        self._grip.reset()
+
+    def step(self, felt: Felt) -> Command:
+        """What the drives are to be sent at a tick."""
+        grip = self._grip
+        for kind, name in enumerate(_KINDS):
+            if (measured := getattr(felt, name)) is not None:
+                try:
+                    grip.feel(kind, measured.value, measured.time)
+                except (TypeError, ValueError):  # of another shape or kind: not measured
+                    continue
+        code = grip.tick(felt.time)
+        self.status = _STATUS.get(code, Status.INVALID_INPUT)
+        return Command(self.torques, None if self._give is None else self.positions)
+
+    __call__ = step
+
+    def constants(self) -> dict[str, Any]:
+        """All that the controller was set up with, as plain values: for controllers in C++.
+
+        Keys are those of ``pinograsp::core::GripSetup`` (``pinograsp/core/grip.hpp``); under ``loop`` those of
+        :meth:`~pinograsp.motion.OnlineForces.constants`.
+        """
+        return {name: np.asarray(one).tolist() for name, one in self._setup.items()} | {"loop": self.loop.constants()}
+
+
+def _describe_grasp(problem: ForceProblem, limits: TorqueLimits, forces: Array, holding: Array) -> dict[str, Any]:
+    """The linear maps of a grasp that the core asks for."""
+    rotations, G, k = problem.contacts.rotations_oc, np.array(problem.contacts.G), problem.k
+    joint_map = np.einsum("kxn,kxc->nkc", limits.jacobian[:, :3], rotations).reshape(-1, 3 * k)
+    rows = np.array(G)
+    rows[3:] /= problem.moment_length
+    basis = null_space(rows)
+    rank = np.linalg.matrix_rank(joint_map, tol=_SINGULAR * np.linalg.norm(joint_map, 2))
+    return {
+        "gravity": problem.gravity_o.tolist(),
+        "load": problem.load.tolist(),
+        "tells_load": bool(rank == 3 * k),
+        "planned": forces,
+        "grasp_map": G,
+        "internal": basis @ basis.T,
+        "joint_map": joint_map,
+        "from_torques": np.linalg.pinv(joint_map, rcond=_SINGULAR),
+        "bias": holding - joint_map @ forces.ravel(),
+        "mu": np.array(problem.mu),
+    }
+
+
+def _limits_of(limit: ArrayLike, n: int) -> Array:
+    values = np.array(np.broadcast_to(np.asarray(limit, dtype=float), (n,)))
+    if np.any(np.isnan(values)) or np.any(values < 0):
+        raise InvalidInput(f"torque limits: expected numbers from 0 on, got {shorten(values.tolist())}")
+    return values
+
+
+def _stiffness_of(stiffness: ArrayLike, n: int) -> Array:
+    values = each_of("stiffness", stiffness, n)
+    if values.min() <= 0:
+        raise InvalidInput(f"stiffness: expected values above 0 [N m/rad or N/m], got {shorten(values.tolist())}")
+    return values

@@ -1,0 +1,325 @@
+"""A squeeze that follows what is felt: what it never does, what it estimates, and whether it holds in the simulation."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinograsp as pg
+from pinograsp.errors import InvalidInput, Status
+from pinograsp.reflex import Command, Felt, GripController, Measured
+from pinograsp.simulation import Disturbance, Push, Sensors
+
+SEED = secrets.randbelow(10**9)
+PERIOD, CAP = 1e-3, 12.0
+
+
+@pytest.fixture(scope="module")
+def plan():
+    conditions = pg.GraspConditions(mu=0.6)
+    body = pg.Cylinder(radius=0.033, height=0.12, mass=0.25)
+    found = pg.find_grasps(pg.load_hand("allegro_right"), body, conditions, count=16, seed=1, jobs=1, progress=False)
+    return pg.plan_best(found, conditions, progress=False)
+
+
+@pytest.fixture(scope="module")
+def jaws():
+    """A grasp that some squeeze holds, however slippery it is."""
+    conditions = pg.GraspConditions(mu=0.6)
+    body = pg.Cylinder(radius=0.03, height=0.12, mass=0.25)
+    found = pg.find_grasps(pg.load_hand("panda"), body, conditions, count=16, seed=1, jobs=1, progress=False)
+    return pg.plan_best(found, conditions, progress=False)
+
+
+@pytest.fixture
+def controller(plan):
+    return plan.grip_controller(latency=0.03, max_normal_force=CAP)
+
+
+def planned_of(plan):
+    return np.einsum("kji,kj->ki", plan.contacts.rotations_oc, plan.motion.forces_o[-1])
+
+
+def ones_of(plan):
+    return np.ones(len(plan.contacts.names))
+
+
+def feel(controller, time, late=0.02, **values):
+    """A tick with what was measured a little earlier."""
+    measured = {name: Measured(np.array(value, dtype=float), time - late) for name, value in values.items()}
+    return controller.step(Felt(time, **measured))
+
+
+def check_command(plan, controller, command):
+    """What holds of every command."""
+    normal = controller.forces[:, 2]
+    assert np.all(np.isfinite(command.torques)), SEED
+    assert normal.max() <= CAP * (1 + 1e-9), SEED
+    assert np.all(np.abs(command.torques) <= plan.torque_limit * (1 + 1e-12)), SEED
+    # Internal forces besides the planned ones: no wrench on the object, by the grasp map.
+    wrench = plan.problem.contacts.G @ (controller.forces - planned_of(plan)).ravel()
+    assert np.abs(wrench).max() < 1e-9 * (1 + np.abs(controller.forces).max()), SEED
+
+
+def test_it_begins_with_the_plan(plan, controller):
+    command = controller.step(Felt(0.0))
+    assert controller.status is Status.OK and command.positions is None
+    np.testing.assert_allclose(command.torques, plan.motion.holding_torques, atol=1e-6)
+    np.testing.assert_allclose(controller.forces, planned_of(plan), atol=1e-6)
+    assert controller.mass == pytest.approx(plan.body_mass) and controller.load_bound == np.inf
+
+
+def test_no_measurement_makes_a_command_beyond_its_limits(plan, controller, count=3000):
+    rng = np.random.default_rng(SEED)
+    k, n, planned = len(plan.contacts.names), plan.hand.n, planned_of(plan)
+    for i in range(count):
+        time, values = PERIOD * i, {}
+        if rng.random() < 0.7:
+            values["forces"] = planned * rng.lognormal(0, 1, (k, 1)) + rng.normal(size=(k, 3)) * 10 ** rng.uniform(
+                -3, 4
+            )
+        if rng.random() < 0.3:
+            values["normal_forces"] = 10 ** rng.uniform(-3, 5, k) * rng.choice([-1, 1], k)
+        if rng.random() < 0.7:
+            values["slips"] = rng.random(k) < rng.random()
+        if rng.random() < 0.3:
+            values["torques"] = rng.normal(size=n) * 10 ** rng.uniform(-3, 3)
+        if rng.random() < 0.2:
+            values["wrench"] = rng.normal(size=6) * 10 ** rng.uniform(-3, 4)
+        if rng.random() < 0.2:
+            values["acceleration"] = rng.normal(size=3) * 10 ** rng.uniform(-3, 3)
+        for name in list(values):
+            if rng.random() < 0.1:
+                values[name] = np.array(values[name], dtype=float)
+                values[name].flat[0] = rng.choice([np.nan, np.inf, -np.inf, 1e300])
+            elif rng.random() < 0.05:
+                values[name] = np.zeros(rng.integers(0, 9))
+        late = rng.choice([0.0, 0.02, -0.01, 1.0, np.nan])
+        check_command(plan, controller, feel(controller, time, late, **values))
+
+
+@pytest.mark.slow
+def test_no_measurement_ever_does(plan):
+    controller = plan.grip_controller(latency=0.03, max_normal_force=CAP)
+    test_no_measurement_makes_a_command_beyond_its_limits(plan, controller, count=100_000)
+
+
+def hold(plan, controller, seconds, mu, weight=1.0, noise=0.0, seed=0, start=0.0, slip=False):
+    """Feel forces that balance the weight so many times, with these ratios at most."""
+    rng = np.random.default_rng(seed)
+    forces = planned_of(plan)
+    for i in range(round(seconds / PERIOD)):
+        shown = forces * weight * (1 + noise * rng.standard_normal(forces.shape))
+        felt = {"forces": shown, "slips": np.full(len(forces), float(slip))}
+        check_command(plan, controller, feel(controller, start + PERIOD * i, **felt))
+
+
+def test_load_and_mass_are_within_their_bounds(plan):
+    rng = np.random.default_rng(SEED)
+    within = []
+    for _ in range(60):
+        controller, times = plan.grip_controller(max_normal_force=CAP), rng.uniform(0.5, 2.0)
+        hold(plan, controller, 0.2, 0.6, weight=times, noise=0.1, seed=int(rng.integers(10**9)))
+        true = -plan.problem.contacts.G @ (times * planned_of(plan)).ravel()
+        within.append(np.linalg.norm(controller.load[:3] - true[:3]) <= controller.load_bound)
+        assert controller.mass == pytest.approx(times * plan.body_mass, rel=0.5), SEED
+    assert np.mean(within) >= 0.9, SEED  # 95 % of them, and what chance does to 60
+
+
+def test_a_contact_that_holds_has_at_least_the_friction_of_its_ratio_and_one_that_slips_no_more(plan):
+    forces = planned_of(plan)
+    ratio = np.linalg.norm(forces[:, :2], axis=1) / forces[:, 2]
+    for seed in range(10):
+        controller = plan.grip_controller(max_normal_force=CAP)
+        hold(plan, controller, 0.5, 0.6, noise=0.1, seed=SEED + seed)
+        assert np.all(controller.mu_low <= 1.05 * ratio) and np.all(np.isinf(controller.mu_high)), SEED
+        hold(plan, controller, 0.1, 0.6, noise=0.1, seed=SEED + seed, start=0.5, slip=True)
+        told = forces[:, 2] > 0.5
+        assert np.all(controller.mu_high[told] <= 1.15 * np.maximum(ratio, controller.mu_low)[told]), SEED
+        assert np.all(controller.mu_high >= controller.mu_low), SEED
+
+
+def test_a_slip_makes_the_squeeze_jump_once_until_that_is_felt(jaws):
+    controller = jaws.grip_controller(latency=0.03, max_normal_force=5 * CAP)
+    for i in range(100):
+        feel(controller, PERIOD * i, forces=planned_of(jaws), slips=0.0 * ones_of(jaws))
+    before = controller.forces[:, 2].copy()
+    for i in range(15):
+        feel(controller, 0.1 + PERIOD * i, forces=planned_of(jaws), slips=ones_of(jaws))
+    assert controller.reflexes == 1 and np.all(controller.forces[:, 2] > 1.7 * before)
+    # The forces are not felt to have risen yet, and the controller waits.
+    for i in range(20):
+        feel(controller, 0.115 + PERIOD * i, forces=planned_of(jaws), slips=ones_of(jaws))
+    assert controller.reflexes == 1
+
+
+def test_no_jump_where_more_squeeze_would_push_the_object_out(plan, controller):
+    """Three fingers around a can that slip at the ratios of a light squeeze: no forces hold it with that friction."""
+    for i in range(200):
+        feel(controller, PERIOD * i, forces=planned_of(plan) * [0.3, 0.3, 1.0], slips=ones_of(plan))
+    assert controller.status is Status.INFEASIBLE and controller.reflexes <= 1
+    np.testing.assert_allclose(controller.forces, planned_of(plan), rtol=0.05, atol=0.05)
+
+
+def test_without_slip_the_squeeze_is_released_slowly_and_no_further_than_its_share(plan, controller):
+    squeeze = []
+    for i in range(4000):
+        # As a hand whose servos give way.
+        feel(controller, PERIOD * i, forces=controller.forces.copy(), slips=0.0 * ones_of(plan))
+        squeeze.append(controller.forces[:, 2].sum())
+    fell = -np.diff(squeeze) / PERIOD
+    assert squeeze[-1] < 0.9 * squeeze[0] and fell.max() < 5 * squeeze[0]
+    assert np.all(controller.forces[:, 2] > 0.2 * 0.45 * planned_of(plan)[:, 2] - 1e-9)
+    assert squeeze[290] == pytest.approx(squeeze[0], rel=0.05)  # nothing before it has settled
+
+
+def test_blind_it_holds(plan, controller):
+    hold(plan, controller, 0.6, 0.6)
+    for i in range(3):
+        controller.step(Felt(0.6 + 0.1 * i))
+    assert controller.blind
+    held = controller.torques.copy()
+    for i in range(1000):
+        controller.step(Felt(0.9 + PERIOD * i))
+    np.testing.assert_allclose(controller.torques, held, rtol=0.02, atol=1e-6)
+    hold(plan, controller, 0.01, 0.6, start=2.0)
+    assert not controller.blind
+
+
+def test_what_is_old_or_of_another_shape_is_not_measured(plan, controller):
+    hold(plan, controller, 0.1, 0.6)
+    load = controller.load.copy()
+    feel(controller, 0.1, late=0.09, forces=9 * planned_of(plan))
+    feel(controller, 0.101, forces=np.ones(5))
+    feel(controller, 0.102, forces=np.full((len(controller.forces), 3), np.nan))
+    np.testing.assert_array_equal(controller.load, load)
+    controller.step(Felt(0.05))
+    assert controller.status is Status.INVALID_INPUT
+
+
+def test_positions_make_the_torques(jaws):
+    controller = jaws.grip_controller(max_normal_force=5 * CAP, stiffness=2e4)
+    for i in range(60):
+        command = feel(controller, PERIOD * i, forces=planned_of(jaws), slips=ones_of(jaws))
+    extra = 2e4 * (command.positions - jaws.motion.q[-1])
+    np.testing.assert_allclose(extra, command.torques - jaws.motion.holding_torques, atol=1e-9)
+    assert np.abs(extra).max() > 1.0
+
+
+def test_the_arm_s_acceleration_and_the_wrist_tell_the_load(plan, controller):
+    feel(controller, 0.0, acceleration=[0.0, 2.0, 0.0])
+    expected = plan.body_mass * (plan.gravity_o - [0.0, 2.0, 0.0])
+    np.testing.assert_allclose(controller.load[:3], expected, atol=1e-9)
+    controller.reset()
+    feel(controller, 0.0, wrench=[0.0, 0.0, 7.0, 0.0, 0.1, 0.0])
+    np.testing.assert_allclose(controller.load, [0.0, 0.0, -7.0, 0.0, -0.1, 0.0], atol=1e-9)
+    assert controller.mass == pytest.approx(7.0 / 9.81)
+
+
+def test_constants_are_plain(plan, controller):
+    constants = controller.constants()
+    assert len(constants["joint_map"]) == plan.hand.n and constants["loop"]["contacts"] == len(controller.forces)
+    assert np.shape(constants["internal"]) == (3 * len(controller.forces),) * 2
+
+
+def test_unusable_settings_are_refused(plan):
+    for settings, match in (
+        ({"max_normal_force": 0.1}, "caps: expected at least the planned"),
+        ({"margin": 0.5}, "margin"),
+        ({"latency": -1.0}, "latency"),
+        ({"stiffness": 0.0}, "stiffness"),
+        ({"marginn": 1.5}, "did you mean 'margin'"),
+        ({"noise": np.nan}, "noise"),
+    ):
+        with pytest.raises(InvalidInput, match=match):
+            plan.grip_controller(**settings)
+    with pytest.raises(InvalidInput, match="forces"):
+        GripController(plan.problem, hand=plan.hand, q=plan.motion.q[-1], forces=[1.0], torques=[0.0])
+
+
+# -- in the simulation
+
+
+QUICK = {"hold": 0.4, "sample": 5e-3}
+
+
+def test_a_controller_that_sends_the_plan_s_torques_changes_nothing(plan):
+    torques = plan.motion.holding_torques
+    plain = pg.simulate(plan, **QUICK)
+    looped = pg.simulate(plan, controller=lambda felt: Command(torques), **QUICK)
+    np.testing.assert_array_equal(looped.q, plain.q)
+    np.testing.assert_array_equal(looped.object_poses, plain.object_poses)
+
+
+def test_sensors_tell_what_there_is_late_and_not_always(plan):
+    seen = list[Felt]()
+
+    def control(felt):
+        seen.append(felt)
+        return Command(plan.motion.holding_torques)
+
+    quantities = ("forces", "normal_forces", "slips", "torques", "positions", "wrench", "acceleration")
+    sensors = Sensors(quantities=quantities, delay=0.02, loss=0.3, resolution=0.05)
+    pg.simulate(plan, controller=control, sensors=sensors, **QUICK)
+    final = plan.motion.times[-1]
+    assert seen[0].time == pytest.approx(final) and all(one is None for one in seen[0][1:])
+    told = [felt for felt in seen if felt.forces is not None]
+    assert 0.6 < len(told) / len(seen) < 0.8
+    assert all(0.02 - 1e-9 <= felt.time - felt.forces.time < 0.03 for felt in told)
+    last = told[-1]
+    np.testing.assert_allclose(last.forces.value[:, 2], last.normal_forces.value, atol=0.2)
+    # What holds the object is its weight, about its centre of mass.
+    np.testing.assert_allclose(last.wrench.value[:3], [0.0, 0.0, 0.25 * 9.81], atol=0.1)
+    assert not last.slips.value.any() and not last.acceleration.value.any()
+    np.testing.assert_allclose(last.torques.value, plan.motion.holding_torques, atol=0.1)
+    steps = last.normal_forces.value / 0.05
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+
+
+def test_controllers_that_send_nonsense_are_refused(plan):
+    for command in (Command(np.zeros(3)), Command(np.full(16, np.nan)), Command(np.zeros(16), np.zeros(2))):
+        with pytest.raises(InvalidInput, match="controller"):
+            pg.simulate(plan, controller=lambda felt, command=command: command, **QUICK)
+    with pytest.raises(InvalidInput, match="controller: expected"):
+        pg.simulate(plan, mode="prescribed", controller=lambda felt: Command(np.zeros(16)), **QUICK)
+    for settings in ({"loss": 1.0}, {"delay": -1.0}, {"quantities": ("sound",)}, {"period": 0.0}):
+        with pytest.raises(InvalidInput):
+            Sensors(**settings)
+
+
+@pytest.mark.slow
+def test_a_weight_that_doubles_on_slippery_contacts_is_held(jaws):
+    """Jaws of a planned friction of 0.6, which is 0.3: what the plan squeezes with cannot hold twice the weight."""
+    weight = 2.0 * 0.25 * 9.81
+    assert 0.3 * planned_of(jaws)[:, 2].sum() < 2 * weight
+    doubled = Push(wrench_o=[0.0, 0.0, -weight, 0.0, 0.0, 0.0], start=0.3, duration=1.2)
+    disturbance = Disturbance(mu=0.3, mass_factor=2.0, pushes=(doubled,), command_delay=0.005)
+    sensors = Sensors(quantities=("forces", "slips"), noise=0.1, delay=0.02, loss=0.05, seed=SEED)
+    settings = {"hold": 1.5, "support": "fixed", "disturbance": disturbance}
+
+    def moves(controller):
+        seen = pg.simulate(jaws, controller=controller, sensors=sensors, **settings)
+        away = np.linalg.norm(seen.object_poses[:, :3, 3] - seen.object_poses[seen.complete, :3, 3], axis=1)
+        return float(away.max())
+
+    assert moves(lambda felt: Command(jaws.motion.holding_torques)) > 8e-3  # it falls on the palm
+    controller = jaws.grip_controller(latency=0.025, max_normal_force=5 * CAP)
+    assert moves(controller) < 4e-3, SEED
+    assert controller.mass == pytest.approx(2 * 2.0 * 0.25, rel=0.25), SEED
+
+
+def test_the_same_controller_without_a_load_s_direction_in_the_plan_still_steps(plan):
+    problem = replace(plan.problem, load=np.zeros(6))
+    controller = GripController(
+        problem,
+        hand=plan.hand,
+        q=plan.motion.q[-1],
+        forces=planned_of(plan),
+        torques=plan.motion.holding_torques,
+    )
+    for i in range(500):
+        feel(controller, PERIOD * i, forces=planned_of(plan), slips=0.0 * ones_of(plan))
+    assert np.all(np.isfinite(controller.torques))
