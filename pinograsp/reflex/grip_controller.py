@@ -15,7 +15,7 @@ from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import ForceProblem, TorqueLimits
 from pinograsp.hands import HandModel
 from pinograsp.motion import OnlineForces, torque_limits
-from pinograsp.reflex.felt import Command, Felt
+from pinograsp.plan.felt import Command, Felt
 from pinograsp.spatial import Array
 
 # Of the core's kinds of measurements, in its order.

@@ -11,7 +11,7 @@ from pinograsp import defaults
 from pinograsp.checks import brief, flag, instance_of, number, one_of
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
-from pinograsp.reflex import Controller
+from pinograsp.plan.felt import Controller
 from pinograsp.simulation.sensing import Sensors
 from pinograsp.simulation.settings import SUPPORTS, Disturbance, Servo, Support
 

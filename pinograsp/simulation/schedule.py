@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from pinograsp.checks import each_of
 from pinograsp.errors import InvalidInput
 from pinograsp.hands.servos import CLOSED, find_pressing
-from pinograsp.reflex import Command
+from pinograsp.plan.felt import Command
 from pinograsp.simulation.options import COARSEST, SimulationOptions
 from pinograsp.simulation.settings import Servo
 from pinograsp.simulation.task import Task

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinograsp.checks import array_of, brief, integer, items_of, number, one_of, share_of
-from pinograsp.reflex import Command, Controller, Felt, Measured
+from pinograsp.plan.felt import Command, Controller, Felt, Measured
 from pinograsp.simulation.law import ContactForces, Pressing, Touches
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.sample import sum_by_part

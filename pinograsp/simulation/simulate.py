@@ -13,7 +13,7 @@ from pinograsp.checks import each_of
 from pinograsp.hands.mujoco_callbacks import without_callbacks
 from pinograsp.objects.body import Body
 from pinograsp.plan import PlanRecord, Simulation
-from pinograsp.reflex import Controller
+from pinograsp.plan.felt import Controller
 from pinograsp.simulation.law import ContactForces
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.options import Mode, SimulationOptions, SimulationSettings

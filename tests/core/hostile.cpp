@@ -1237,6 +1237,88 @@ void run_springs(Bytes& bytes) {
     }
 }
 
+// -- a squeeze that follows what is felt ------------------------------------------------------------------------------
+
+void run_grip(Bytes& bytes) {
+    const Grasp grasp = grasp_from(bytes, models[bytes.below(5)]);
+    const int k = grasp.k, n = bytes.between(0, 6);
+    const bool garbage = grasp.kind == Kind::garbage;
+    OnlineSetup online;
+    online.contacts = k;
+    online.components = grasp.model.d;
+    online.round = grasp.model.round;
+    online.moments = grasp.moments;
+    online.torsion = grasp.torsion;
+    online.arm = grasp.arm;
+    if (fault_of(online) != nullptr) return;
+    const auto loop = make_online(online);
+    std::copy(grasp.points.begin(), grasp.points.end(), loop->points);
+    std::copy(grasp.rotations.begin(), grasp.rotations.end(), loop->rotations);
+    GripSetup setup;
+    setup.latency = bytes.from(0.0, 0.1);
+    setup.margin = bytes.from(1.0, 2.0);
+    setup.kept = bytes.share();
+    setup.unfelt = bytes.from(0.0, 2.0);
+    setup.jump = bytes.from(1.0, 3.0);
+    setup.tells_load = bytes.once_in(2);
+    setup.planned.assign(3 * k, 0.0);
+    setup.most.assign(k, 0.0);
+    setup.mu.assign(k, 0.0);
+    for (int i = 0; i < k; ++i) {
+        setup.planned[3 * i + 2] = bytes.from(0.0, 5.0);
+        setup.most[i] = setup.planned[3 * i + 2] * bytes.from(1.0, 4.0);
+        setup.mu[i] = bytes.share();
+    }
+    const auto fill = [&bytes](Numbers& values, std::size_t count, double size) {
+        values.assign(count, 0.0);
+        for (double& one : values) one = bytes.spread(size);
+    };
+    fill(setup.grasp_map, 18 * k, 1.0);
+    fill(setup.internal, 9 * k * k, 1.0 / k);
+    fill(setup.joint_map, 3 * k * n, 0.1);
+    fill(setup.from_torques, 3 * k * n, 10.0);
+    fill(setup.bias, n, 0.1);
+    fill(setup.torque_limit, n, 1.0);
+    for (double& one : setup.torque_limit) one = std::fabs(one);
+    std::copy_n(grasp.load.data(), 6, setup.load);
+    if (garbage) {
+        for (Numbers* some : {&setup.planned, &setup.grasp_map, &setup.internal, &setup.most, &setup.mu})
+            if (bytes.once_in(3)) bytes.spoil(*some);
+        if (bytes.once_in(3)) setup.latency = bytes.hostile();
+        if (bytes.once_in(3)) bytes.spoil(setup.load, 6);
+    }
+    if (fault_of(setup, online) != nullptr) {
+        ++refused;
+        return;
+    }
+    Grip grip(*loop, setup);
+    Numbers felt(std::max({3 * k, n, 6}));
+    double now = 0.0;
+    for (int left = bytes.between(1, 60); left > 0; --left) {
+        now += bytes.once_in(16) ? bytes.hostile() : 1e-3;
+        for (int which = 0; which < feelings; ++which) {
+            if (bytes.once_in(3)) continue;
+            const Feeling kind = static_cast<Feeling>(which);
+            for (double& one : felt) one = bytes.spread(bytes.once_in(8) ? 1e4 : 5.0);
+            if (bytes.once_in(8)) bytes.spoil(felt);
+            const double time = bytes.once_in(8) ? bytes.hostile() : now - bytes.from(0.0, 0.05);
+            without_memory("Grip::feel", [&] { return grip.feel(kind, felt.data(), time); });
+        }
+        without_memory("Grip::tick", [&] { return grip.tick(now); });
+        if (!std::isfinite(now)) now = 0.0;
+        place = "grip, " + std::string(kinds[int(grasp.kind)]);
+        if (!finite(grip.forces, 3 * k) || !finite(grip.torques, n) || !finite(grip.load, 6))
+            fail("a command that is none: %g, %g, %g", norm(grip.forces, 3 * k), norm(grip.torques, n), norm(grip.load, 6));
+        for (int i = 0; i < k; ++i) {
+            const double planned = setup.planned[3 * i + 2];
+            if (!(grip.forces[3 * i + 2] <= std::max(setup.most[i], planned) + 1e-9 * (1.0 + setup.most[i])))
+                fail("%g N, with a cap of %g", grip.forces[3 * i + 2], setup.most[i]);
+        }
+        for (int j = 0; j < n; ++j)
+            if (!(std::fabs(grip.torques[j]) <= setup.torque_limit[j])) fail("a torque beyond its limit");
+    }
+}
+
 // -- least squares in a box -------------------------------------------------------------------------------------------
 
 template <int M>
@@ -1289,7 +1371,7 @@ void run_box(Bytes& bytes) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     Bytes bytes(data, size);
-    const int entry = bytes.below(17);
+    const int entry = bytes.below(18);
     if (entry < 6) {
         place = "ticks";
         Ticks(bytes).run();
@@ -1303,6 +1385,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     } else if (entry < 15) {
         place = "batch";
         run_batch(bytes);
+    } else if (entry == 17) {
+        place = "grip";
+        run_grip(bytes);
     } else if (entry == 16) {
         place = "springs";
         run_springs(bytes);

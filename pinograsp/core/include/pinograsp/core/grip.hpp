@@ -50,8 +50,12 @@ struct GripSetup {
 inline const char* fault_of(const GripSetup& setup, const OnlineSetup& online) {
     const std::size_t k = online.contacts, n = setup.bias.size();
     const auto positive = [](double one) { return one > 0.0 && one <= 1e9; };
-    const auto fits = [](const std::vector<double>& values, std::size_t count) {
-        return values.size() == count && !not_finite(values.data(), count);
+    // Of usual sizes, so that no product of them overflows.
+    const auto usual = [](const double* values, std::size_t count) {
+        return std::all_of(values, values + count, [](double one) { return std::fabs(one) <= 1e9; });
+    };
+    const auto fits = [&usual](const std::vector<double>& values, std::size_t count) {
+        return values.size() == count && usual(values.data(), count);
     };
     if (!positive(setup.period)) return "period";
     if (!(setup.latency >= 0.0 && setup.latency <= 10.0)) return "latency";
@@ -64,8 +68,8 @@ inline const char* fault_of(const GripSetup& setup, const OnlineSetup& online) {
     if (!(setup.calm >= 0.0)) return "calm";
     if (!positive(setup.release)) return "release";
     if (!(setup.blind >= 0.0)) return "blind";
-    if (not_finite(setup.gravity, 3)) return "gravity";
-    if (not_finite(setup.load, 6)) return "load";
+    if (!usual(setup.gravity, 3)) return "gravity";
+    if (!usual(setup.load, 6)) return "load";
     if (!fits(setup.planned, 3 * k)) return "planned";
     if (!fits(setup.grasp_map, 18 * k)) return "grasp_map";
     if (!fits(setup.internal, 9 * k * k)) return "internal";
@@ -76,10 +80,12 @@ inline const char* fault_of(const GripSetup& setup, const OnlineSetup& online) {
     if (setup.torque_limit.size() != n) return "torque_limit";
     for (double one : setup.torque_limit)
         if (!(one >= 0.0)) return "torque_limit";
-    if (setup.most.size() != k) return "most";
+    if (!fits(setup.most, k)) return "most";
     if (!fits(setup.mu, k)) return "mu";
     for (std::size_t i = 0; i < k; ++i)
-        if (!(setup.most[i] >= 0.0) || !(setup.mu[i] >= 0.0)) return "most, mu";
+        if (!(setup.mu[i] >= 0.0)) return "mu";
+    for (std::size_t i = 0; i < k; ++i)
+        if (!(setup.most[i] >= 0.0 && setup.planned[3 * i + 2] <= setup.most[i] * (1.0 + 1e-6))) return "most";
     return nullptr;
 }
 
