@@ -50,8 +50,8 @@ class GripController:
       felt (:class:`~pinograsp.motion.OnlineForces`), with the friction that is believed over ``margin``.
     - Friction is believed as planned until a contact slips; then as it is felt to slip. No contact is believed to have
       less than the ratio at which it has held.
-    - Where most of the squeeze slips, it jumps at once, no higher than the caps, unless no forces at all hold the load
-      with that friction: more squeeze would push the object out. The next jump waits until the first one is felt.
+    - Where most of the squeeze slips, it jumps at once, no higher than the caps; the next jump waits until the first
+      one is felt. Where no forces hold the load with that friction, the planned squeeze rises as it is.
     - Without slip it is released slowly, to no less than ``kept`` of the planned squeeze in proportion to the load over
       the friction; where slip or load is not felt, to no less than planned.
     - What is felt too much is taken off slowly, and given back at once where more is wanted.
@@ -74,7 +74,8 @@ class GripController:
         reflexes: how often the squeeze has jumped.
         blind: whether nothing has been measured for a while.
         status: ``OK``; ``INFEASIBLE``: no forces hold the felt load with the believed friction within the limits, the
-            last ones stay; ``INACCURATE``: none were found; ``INVALID_INPUT``: a time that does not grow.
+            planned ones are made larger; ``INACCURATE``: likewise, none were found; ``INVALID_INPUT``: a time that does
+            not grow.
 
     The arrays are overwritten by the next step: copy what must stay.
     """

@@ -156,12 +156,14 @@ def test_a_slip_makes_the_squeeze_jump_once_until_that_is_felt(jaws):
     assert controller.reflexes == 1
 
 
-def test_no_jump_where_more_squeeze_would_push_the_object_out(plan, controller):
-    """Three fingers around a can that slip at the ratios of a light squeeze: no forces hold it with that friction."""
+def test_where_no_forces_hold_the_load_the_planned_squeeze_rises_as_it_is(plan):
+    """Three fingers around a can, which slip at ratios with which none hold it."""
+    controller, planned = plan.grip_controller(latency=0.03, max_normal_force=CAP), planned_of(plan)
     for i in range(200):
-        feel(controller, PERIOD * i, forces=planned_of(plan) * [0.3, 0.3, 1.0], slips=ones_of(plan))
-    assert controller.status is Status.INFEASIBLE and controller.reflexes <= 1
-    np.testing.assert_allclose(controller.forces, planned_of(plan), rtol=0.05, atol=0.05)
+        feel(controller, PERIOD * i, forces=planned * [0.3, 0.3, 1.0], slips=ones_of(plan))
+    assert controller.status is Status.INFEASIBLE and controller.reflexes >= 1
+    shares = controller.forces[:, 2] / planned[:, 2]
+    assert shares.min() > 1.2 and shares.max() < 1.3 * shares.min()
 
 
 def test_without_slip_the_squeeze_is_released_slowly_and_no_further_than_its_share(plan, controller):

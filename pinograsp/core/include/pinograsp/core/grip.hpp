@@ -229,7 +229,6 @@ private:
     static constexpr double most_less = 0.8;   // times the wanted forces: what is taken off a squeeze that is too hard
     static constexpr double rising = 1.1;      // times as much is wanted than before: then nothing is taken off
     static constexpr double dropping = 0.005;  // [s] in which that is given back
-    static constexpr double nearer = 0.1;      // of what is asked for beyond what the hand can, in a tick
     static constexpr double learning = 0.02;   // of a slipping contact's friction [s]
     static constexpr double most_times = 4.0;  // the planned load over friction: more is no guide
 
@@ -334,8 +333,7 @@ private:
             whole += normal;
             if (since_[i] > sustained && is_fresh(Feeling::slips)) part += normal;
         }
-        // Where no forces hold the load with that friction, more squeeze only pushes the object out.
-        if (!(part > 0.5 * whole) || !feasible_) return false;
+        if (!(part > 0.5 * whole)) return false;
         slipped_ = now_;
         if (now_ - jumped_ <= lag() + sustained) return false;  // the last jump is not felt yet
         jumped_ = now_;
@@ -368,28 +366,26 @@ private:
         for (int i = 0; i < k_; ++i) floor_[i] = min(floor_[i], setup_.most[i]);
     }
 
-    // The wanted forces: with a margin of the friction that is believed; where none hold the load so, with all of it,
-    // or else those of before.
+    // The wanted forces: those for the load, or, where none hold it with that friction and that squeeze, the planned
+    // ones as many times as the squeeze is.
     Tick solve() {
-        const Tick found = solve_with(setup_.margin);
-        feasible_ = found == Tick::converged;
-        if (feasible_ || solve_with(1.0) == Tick::converged) {
-            std::copy_n(online_.forces, 3 * k_, wanted);
-        } else {  // more than the hand can: nearer to what it could, tick by tick
-            for (int i = 0; i < k_; ++i) floor_[i] += nearer * min(0.0, wanted[3 * i + 2] - floor_[i]);
-        }
-        return found;
-    }
-
-    Tick solve_with(double margin) {
+        double times = 1.0, most = infinity;
         for (int i = 0; i < k_; ++i) {
-            online_.mu[i] = mu[i] / margin;
+            online_.mu[i] = mu[i] / setup_.margin;
             online_.largest[i] = setup_.most[i];
             online_.least[i] = floor_[i];
+            const double planned = setup_.planned[3 * i + 2];
+            if (!(planned > 0.0)) continue;
+            times = max(times, floor_[i] / planned);
+            most = min(most, setup_.most[i] / planned);
         }
         online_.moved = true;
         std::copy_n(load, 6, online_.wrench);
-        return online_.tick();
+        const Tick found = online_.tick();
+        feasible_ = found == Tick::converged;
+        for (int c = 0; c < 3 * k_; ++c)
+            wanted[c] = feasible_ ? online_.forces[c] : min(times, most) * setup_.planned[c];
+        return found;
     }
 
     // What is felt too much is taken off, slowly; given back at once where more is wanted.
@@ -423,22 +419,33 @@ private:
         return found;
     }
 
-    // Planned forces and internal ones besides, no more than the caps; their torques.
+    // Planned forces and internal ones besides, no more than caps and torque limits allow; their torques.
     void command() {
         const double* planned = setup_.planned.data();
         for (int c = 0; c < 3 * k_; ++c) work_[c] = wanted[c] + more_[c] - planned[c];
         double share = 1.0;
+        const auto keep = [&share](double least, double now, double change, double most) {
+            if (change > 0.0 && now + share * change > most) share = max(0.0, most - now) / change;
+            if (change < 0.0 && now + share * change < least) share = max(0.0, now - least) / -change;
+        };
         for (int r = 0; r < 3 * k_; ++r) {
             forces[r] = project(r, work_);
-            if (r % 3 == 2 && planned[r] + forces[r] > setup_.most[r / 3])
-                share = min(share, max(0.0, setup_.most[r / 3] - planned[r]) / forces[r]);
+            if (r % 3 == 2) keep(-infinity, planned[r], forces[r], setup_.most[r / 3]);
         }
-        for (int r = 0; r < 3 * k_; ++r) forces[r] = planned[r] + share * forces[r];
         for (int j = 0; j < n_; ++j) {
-            torques[j] = setup_.bias[j];
-            for (int c = 0; c < 3 * k_; ++c) torques[j] += setup_.joint_map[j * 3 * k_ + c] * forces[c];
+            double now = setup_.bias[j], change = 0.0;
+            for (int c = 0; c < 3 * k_; ++c) {
+                now += setup_.joint_map[j * 3 * k_ + c] * planned[c];
+                change += setup_.joint_map[j * 3 * k_ + c] * forces[c];
+            }
+            keep(-setup_.torque_limit[j], now, change, setup_.torque_limit[j]);
+            torques[j] = now;
+        }
+        for (int j = 0; j < n_; ++j) {
+            for (int c = 0; c < 3 * k_; ++c) torques[j] += share * setup_.joint_map[j * 3 * k_ + c] * forces[c];
             torques[j] = min(max(torques[j], -setup_.torque_limit[j]), setup_.torque_limit[j]);
         }
+        for (int r = 0; r < 3 * k_; ++r) forces[r] = planned[r] + share * forces[r];
     }
 
     static double dot3(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
