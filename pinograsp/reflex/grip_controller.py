@@ -206,19 +206,36 @@ class GripController:
         self._grip.reset()
 
     def step(self, felt: Felt) -> Command:
-        """What the drives are to be sent at a tick."""
+        """What the drives are to be sent at a tick.
+
+        Raises:
+            InvalidInput: a measurement of another shape; numbers that are nonsense are left out.
+        """
         grip = self._grip
         for kind, name in enumerate(_KINDS):
             if (measured := getattr(felt, name)) is not None:
                 try:
                     grip.feel(kind, measured.value, measured.time)
-                except (TypeError, ValueError):  # of another shape or kind: not measured
-                    continue
+                except (TypeError, ValueError):
+                    grip.feel(kind, self._read(name, measured.value), measured.time)
         code = grip.tick(felt.time)
         self.status = _STATUS.get(code, Status.INVALID_INPUT)
         return Command(self.torques, None if self._give is None else self.positions)
 
     __call__ = step
+
+    def _read(self, name: str, value: object) -> Array:
+        """A measurement that is no array of the size that the core asks for."""
+        k, n = len(self.names), len(self.torques)
+        shapes: dict[str, tuple[int, ...]] = {"forces": (k, 3), "torques": (n,), "wrench": (6,), "acceleration": (3,)}
+        shape = shapes.get(name, (k,))
+        try:
+            values = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            raise InvalidInput(f"felt {name}: expected numbers of shape {shape}, got {shorten(value)}") from None
+        if values.shape != shape:
+            raise InvalidInput(f"felt {name}: expected shape {shape}, got {values.shape}")
+        return values
 
     def constants(self) -> dict[str, Any]:
         """All that the controller was set up with, as plain values: for controllers in C++.

@@ -77,8 +77,7 @@ class ControlLoop:
         self.waiting: deque[tuple[float, dict[str, Measured]]] = deque()
         self.sent: deque[tuple[float, Command]] = deque()
         self.slipped: Array | None = None
-        self.next = self.begins
-        self.last: Command | None = None
+        self.measured = self.next = self.begins
 
     def tick(self, time: float, engine: MujocoEngine, law: ContactForces, touches: Touches, pressing: Pressing) -> None:
         """At a step: measure, and call the controller, where it is time for it."""
@@ -121,8 +120,9 @@ class ControlLoop:
         forces_o = self.shares[:, None] * sums["forces_o"][parts]
         told["forces"] = self._blur(np.einsum("kji,kj->ki", task.rotations_oc, forces_o), norm=True)
         told["normal_forces"] = self._blur(self.shares * sums["normal_forces"][parts])
-        speeds = np.zeros(engine.parts) if self.slipped is None else (law.slip - self.slipped) / self.sensors.period
-        self.slipped = law.slip.copy()
+        since = max(time - self.measured, self.sensors.period)
+        speeds = np.zeros(engine.parts) if self.slipped is None else (law.slip - self.slipped) / since
+        self.slipped, self.measured = law.slip.copy(), time
         told["slips"] = np.where(speeds > _SLIPS, speeds, 0.0)[parts]
         told["torques"] = self._blur(engine.torques / self.drive_gain)
         told["positions"] = engine.q

@@ -95,8 +95,6 @@ def test_no_measurement_makes_a_command_beyond_its_limits(plan, controller, coun
             if rng.random() < 0.1:
                 values[name] = np.array(values[name], dtype=float)
                 values[name].flat[0] = rng.choice([np.nan, np.inf, -np.inf, 1e300])
-            elif rng.random() < 0.05:
-                values[name] = np.zeros(rng.integers(0, 9))
         late = rng.choice([0.0, 0.02, -0.01, 1.0, np.nan])
         check_command(plan, controller, feel(controller, time, late, **values))
 
@@ -191,11 +189,10 @@ def test_blind_it_holds(plan, controller):
     assert not controller.blind
 
 
-def test_what_is_old_or_of_another_shape_is_not_measured(plan, controller):
+def test_what_is_old_or_no_number_is_not_measured(plan, controller):
     hold(plan, controller, 0.1, 0.6)
     load = controller.load.copy()
     feel(controller, 0.1, late=0.09, forces=9 * planned_of(plan))
-    feel(controller, 0.101, forces=np.ones(5))
     feel(controller, 0.102, forces=np.full((len(controller.forces), 3), np.nan))
     np.testing.assert_array_equal(controller.load, load)
     controller.step(Felt(0.05))
@@ -225,6 +222,16 @@ def test_constants_are_plain(plan, controller):
     constants = controller.constants()
     assert len(constants["joint_map"]) == plan.hand.n and constants["loop"]["contacts"] == len(controller.forces)
     assert np.shape(constants["internal"]) == (3 * len(controller.forces),) * 2
+
+
+def test_measurements_are_arrays_of_their_shapes(plan, controller):
+    feel(controller, 0.0, forces=planned_of(plan).tolist(), slips=[False] * len(planned_of(plan)))
+    assert controller.load_bound < np.inf
+    for values, match in (({"forces": np.ones(5)}, r"expected shape \(3, 3\), got"), ({"wrench": [1.0]}, r"\(6,\)")):
+        with pytest.raises(InvalidInput, match=match):
+            feel(controller, 0.01, **values)
+    with pytest.raises(InvalidInput, match="felt slips: expected numbers"):
+        controller.step(Felt(0.02, slips=Measured(["much", "little"], 0.01)))
 
 
 def test_unusable_settings_are_refused(plan):
