@@ -29,7 +29,7 @@ class Felt(NamedTuple):
         normal_forces: of the contacts (k,) [N].
         slips: how fast the contacts slip (k,) [m/s]; a sensor that only tells whether they do gives 0 or 1.
         torques: of the joints' drives (n,) [N m or N].
-        positions: of the joints (n,) [rad or m].
+        joint_positions: (n,) [rad or m].
         wrench: what the hand exerts on the object (6,), world axes, linear first, about the object's centre of mass as
             it is planned, as a wrist's sensor tells it where the hand's own weight is taken off [N, N m].
         acceleration: of the hand's base (3,), world axes, without gravity [m/s^2].
@@ -40,7 +40,7 @@ class Felt(NamedTuple):
     normal_forces: Measured | None = None
     slips: Measured | None = None
     torques: Measured | None = None
-    positions: Measured | None = None
+    joint_positions: Measured | None = None
     wrench: Measured | None = None
     acceleration: Measured | None = None
 
@@ -50,11 +50,11 @@ class Command(NamedTuple):
 
     Attributes:
         torques: added to the servos' (n,) [N m or N].
-        positions: that the servos hold (n,) [rad or m]; None: as the plan has them.
+        references: positions that the servos hold (n,) [rad or m]; None: as the plan has them.
     """
 
     torques: Array
-    positions: Array | None = None
+    references: Array | None = None
 
 
 Controller: TypeAlias = Callable[[Felt], Command]

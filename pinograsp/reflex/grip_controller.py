@@ -63,10 +63,9 @@ class GripController:
     Attributes:
         forces: commanded, on the object, in contact axes (k, 3) [N].
         torques: (n,) [N m or N].
-        positions: for position servos without feed-forward (n,) [rad or m]; empty without ``stiffness``.
         load: external wrench on the object that is felt (6,), about its centre of mass, world axes [N, N m].
         load_bound: three standard deviations of its force [N]; infinity: no load is felt.
-        mass: that the load stands for [kg].
+        object_mass: that the load stands for [kg].
         mu: friction that is believed (k,).
         mu_low: it is no less than that: the contact has held (k,).
         mu_high: it is no more than that: the contact has slipped (k,); infinity: it has not.
@@ -117,7 +116,8 @@ class GripController:
             release: time in which the squeeze falls to 1/e of what it was [s].
             max_rate: largest |dF_n/dt| of the wanted forces [N/s]; None: any.
             period: of the loop [s].
-            stiffness: of the hand's position servos, one number or (n,) [N m/rad or N/m], for ``positions``.
+            stiffness: of the hand's position servos, one number or (n,) [N m/rad or N/m]: its commands have
+                the references at which servos without feed-forward make the torques.
 
         Raises:
             InvalidInput: what cannot be used, with the reason.
@@ -176,7 +176,7 @@ class GripController:
         return bound
 
     @property
-    def mass(self) -> float:
+    def object_mass(self) -> float:
         """That the load stands for [kg]."""
         mass: float = self._grip.mass
         return mass
@@ -192,14 +192,6 @@ class GripController:
         """Whether nothing has been measured for a while."""
         blind: bool = self._grip.blind
         return blind
-
-    @property
-    def positions(self) -> Array:
-        """References at which position servos without feed-forward give the torques (n,) [rad or m]."""
-        if self._give is None:
-            return np.zeros(0)
-        references: Array = self._posture + self._give * (self.torques - self._holding)
-        return references
 
     def reset(self) -> None:
         """Forget all that was felt: the next tick starts from the plan."""
@@ -220,7 +212,9 @@ class GripController:
                     grip.feel(kind, self._read(name, measured.value), measured.time)
         code = grip.tick(felt.time)
         self.status = _STATUS.get(code, Status.INVALID_INPUT)
-        return Command(self.torques, None if self._give is None else self.positions)
+        if self._give is None:
+            return Command(self.torques)
+        return Command(self.torques, self._posture + self._give * (self.torques - self._holding))
 
     __call__ = step
 

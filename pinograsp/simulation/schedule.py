@@ -192,9 +192,9 @@ class Course:
         torques = self.share * command.torques
         if limits is not None:
             limits = _limit_pressing(self.way, np.maximum(self.way * torques, 0.0)[None])[0]
-        if command.positions is not None:
+        if command.references is not None:
             free = self.way == 0.0
-            q, dq = np.where(free, command.positions - moved, q), np.where(free, 0.0, dq)
+            q, dq = np.where(free, command.references - moved, q), np.where(free, 0.0, dq)
         return q, dq, torques, limits
 
     def row(self, step: int) -> int:

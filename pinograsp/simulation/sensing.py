@@ -15,7 +15,7 @@ from pinograsp.simulation.sample import sum_by_part
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, cross
 
-QUANTITIES = ("forces", "normal_forces", "slips", "torques", "positions", "wrench", "acceleration")
+QUANTITIES = ("forces", "normal_forces", "slips", "torques", "joint_positions", "wrench", "acceleration")
 _SLIPS = 1e-3  # [m/s] slower than that a sensor of slip does not tell
 
 
@@ -34,7 +34,7 @@ class Sensors:
         seed: of noise and losses.
     """
 
-    quantities: tuple[str, ...] = ("forces", "slips", "torques", "positions")
+    quantities: tuple[str, ...] = ("forces", "slips", "torques", "joint_positions")
     noise: float = 0.0
     offset: float = 0.0
     delay: float = 0.0
@@ -91,10 +91,10 @@ class ControlLoop:
             told = self.waiting.popleft()[1]
         command = self.controller(Felt(time=time, **told))
         torques = array_of("controller: torques", command.torques, (self.task.hand.n,))
-        positions = command.positions
-        if positions is not None:
-            positions = array_of("controller: positions", positions, (self.task.hand.n,))
-        self.sent.append((time, Command(torques, positions)))
+        references = command.references
+        if references is not None:
+            references = array_of("controller: references", references, (self.task.hand.n,))
+        self.sent.append((time, Command(torques, references)))
 
     def command(self, time: float) -> Command | None:
         """What the drives follow at a time [s]; None: the plan still."""
@@ -107,8 +107,8 @@ class ControlLoop:
             return self.sent[0][1]
         own = [next(c for t, c in reversed(self.sent) if t <= time - self.delay[j] + 1e-9) for j in range(n)]
         torques = np.array([command.torques[j] for j, command in enumerate(own)])
-        positions = [command.positions for command in own]
-        told = [one[j] for j, one in enumerate(positions) if one is not None]
+        references = [command.references for command in own]
+        told = [one[j] for j, one in enumerate(references) if one is not None]
         return Command(torques, np.array(told) if len(told) == n else None)
 
     def _measure(
@@ -125,7 +125,7 @@ class ControlLoop:
         self.slipped, self.measured = law.slip.copy(), time
         told["slips"] = np.where(speeds > _SLIPS, speeds, 0.0)[parts]
         told["torques"] = self._blur(engine.torques / self.drive_gain)
-        told["positions"] = engine.q
+        told["joint_positions"] = engine.q
         moments = cross(touches.point_o - task.com_o, pressing.force_o) + pressing.moment_o
         told["wrench"] = self._blur(np.concatenate([pressing.force_o.sum(axis=0), moments.sum(axis=0)]))
         told["acceleration"] = task.gravity_o - engine.model.opt.gravity

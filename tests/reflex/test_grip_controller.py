@@ -66,10 +66,10 @@ def check_command(plan, controller, command):
 
 def test_it_begins_with_the_plan(plan, controller):
     command = controller.step(Felt(0.0))
-    assert controller.status is Status.OK and command.positions is None
+    assert controller.status is Status.OK and command.references is None
     np.testing.assert_allclose(command.torques, plan.motion.holding_torques, atol=1e-6)
     np.testing.assert_allclose(controller.forces, planned_of(plan), atol=1e-6)
-    assert controller.mass == pytest.approx(plan.body_mass) and controller.load_bound == np.inf
+    assert controller.object_mass == pytest.approx(plan.body_mass) and controller.load_bound == np.inf
 
 
 def test_no_measurement_makes_a_command_beyond_its_limits(plan, controller, count=3000):
@@ -123,7 +123,7 @@ def test_load_and_mass_are_within_their_bounds(plan):
         hold(plan, controller, 0.2, 0.6, weight=times, noise=0.1, seed=int(rng.integers(10**9)))
         true = -plan.problem.contacts.G @ (times * planned_of(plan)).ravel()
         within.append(np.linalg.norm(controller.load[:3] - true[:3]) <= controller.load_bound)
-        assert controller.mass == pytest.approx(times * plan.body_mass, rel=0.5), SEED
+        assert controller.object_mass == pytest.approx(times * plan.body_mass, rel=0.5), SEED
     assert np.mean(within) >= 0.9, SEED  # 95 % of them, and what chance does to 60
 
 
@@ -199,11 +199,11 @@ def test_what_is_old_or_no_number_is_not_measured(plan, controller):
     assert controller.status is Status.INVALID_INPUT
 
 
-def test_positions_make_the_torques(jaws):
+def test_references_make_the_torques(jaws):
     controller = jaws.grip_controller(max_normal_force=5 * CAP, stiffness=2e4)
     for i in range(60):
         command = feel(controller, PERIOD * i, forces=planned_of(jaws), slips=ones_of(jaws))
-    extra = 2e4 * (command.positions - jaws.motion.q[-1])
+    extra = 2e4 * (command.references - jaws.motion.q[-1])
     np.testing.assert_allclose(extra, command.torques - jaws.motion.holding_torques, atol=1e-9)
     assert np.abs(extra).max() > 1.0
 
@@ -215,7 +215,7 @@ def test_the_arm_s_acceleration_and_the_wrist_tell_the_load(plan, controller):
     controller.reset()
     feel(controller, 0.0, wrench=[0.0, 0.0, 7.0, 0.0, 0.1, 0.0])
     np.testing.assert_allclose(controller.load, [0.0, 0.0, -7.0, 0.0, -0.1, 0.0], atol=1e-9)
-    assert controller.mass == pytest.approx(7.0 / 9.81)
+    assert controller.object_mass == pytest.approx(7.0 / 9.81)
 
 
 def test_constants_are_plain(plan, controller):
@@ -270,7 +270,7 @@ def test_sensors_tell_what_there_is_late_and_not_always(plan):
         seen.append(felt)
         return Command(plan.motion.holding_torques)
 
-    quantities = ("forces", "normal_forces", "slips", "torques", "positions", "wrench", "acceleration")
+    quantities = ("forces", "normal_forces", "slips", "torques", "joint_positions", "wrench", "acceleration")
     sensors = Sensors(quantities=quantities, delay=0.02, loss=0.3, resolution=0.05)
     pg.simulate(plan, controller=control, sensors=sensors, **QUICK)
     final = plan.motion.times[-1]
@@ -317,7 +317,7 @@ def test_a_weight_that_doubles_on_slippery_contacts_is_held(jaws):
     assert moves(lambda felt: Command(jaws.motion.holding_torques)) > 8e-3  # it falls on the palm
     controller = jaws.grip_controller(latency=0.025, max_normal_force=5 * CAP)
     assert moves(controller) < 4e-3, SEED
-    assert controller.mass == pytest.approx(2 * 2.0 * 0.25, rel=0.25), SEED
+    assert controller.object_mass == pytest.approx(2 * 2.0 * 0.25, rel=0.25), SEED
 
 
 def test_the_same_controller_without_a_load_s_direction_in_the_plan_still_steps(plan):
