@@ -208,15 +208,21 @@ def test_the_cores_proofs_are_those_of_the_general_method(contact_set, monkeypat
         problem = ForceProblem(contacts=contacts, load=1e5 * load, mu=0.5, friction=friction, max_depth=5e-3)
         weights = weights_of(None, problem)
         terms, limits = energy_terms_at(problem, weights, 0.85), problem.normal_force_range(0.85)
-        known = prove(problem, assemble(matrices_of(problem, weights), problem.scaled_load, terms, *limits))
+        program = assemble(matrices_of(problem, weights), problem.scaled_load, terms, *limits)
+        known = prove(problem, program)
         with monkeypatch.context() as patch:
             patch.setattr(SolverOrder, "solve", lambda *_, **__: pytest.fail("the general method was asked"))
             found = optimize_forces(problem, 0.85, solver="newton").infeasibility
         assert found.margin == pytest.approx(known.margin, rel=1e-6)
         assert found.direction == pytest.approx(known.direction, abs=1e-3)
         assert found.residual == pytest.approx(known.residual, rel=1e-3, abs=1e-4 * known.margin)
-        for name in ("at_least", "at_most", "at_torque", "crossed", "joint_weights"):
+        for name in ("at_torque", "crossed", "joint_weights"):
             assert np.array_equal(getattr(found, name), getattr(known, name)), name
+        # Of a contact whose force hardly matters nobody knows which limit it is at: directions agree to 1e-3.
+        clear = np.abs(program.reduce_costs(known.direction @ program.A)) > 5e-3
+        for name in ("at_least", "at_most"):
+            assert np.array_equal(getattr(found, name)[clear], getattr(known, name)[clear]), name
+        assert clear.sum() > count // 2
         assert found.closest_c.shape == (count, 3) and not found.closest_c.flags.writeable
 
 
