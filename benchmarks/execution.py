@@ -125,7 +125,7 @@ def squeeze_constantly(factor: float) -> Maker:
     """The plan's squeeze, so many times."""
 
     def make(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
-        bias, joint_map, planned = _maps_of(plan)
+        bias, joint_map, planned, _ = _maps_of(plan)
         torques = bias + factor * (joint_map @ planned.ravel())
         return lambda felt: Command(torques)
 
@@ -134,7 +134,7 @@ def squeeze_constantly(factor: float) -> Maker:
 
 def raise_on_slip(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
     """3 % more squeeze every 2 ms while anything slips, a tenth of a per cent less every 2 ms else."""
-    bias, joint_map, planned = _maps_of(plan)
+    bias, joint_map, planned, _ = _maps_of(plan)
     squeezed, factor, told = joint_map @ planned.ravel(), 1.0, -math.inf
 
     def control(felt: Felt) -> Command:
@@ -152,7 +152,7 @@ def keep_ratio(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
     """Normal forces of 1.25 times what the felt tangential ones ask for with the planned friction, smoothed for 20 ms,
     and no less than half of the planned.
     """
-    bias, joint_map, planned = _maps_of(plan)
+    bias, joint_map, planned, _ = _maps_of(plan)
     felt_forces = planned.copy()
 
     def control(felt: Felt) -> Command:
@@ -179,8 +179,8 @@ def reflex(*quantities: str) -> Maker:
 
 def oracle(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
     """Knows load and friction at once; its commands take as long as others'."""
-    bias, joint_map, planned = _maps_of(plan)
-    internal, start, loop = np.array(_grip_of(plan)["internal"]), float(plan.motion.times[-1]), _loop_of(plan, cap)
+    bias, joint_map, planned, internal = _maps_of(plan)
+    start, loop = float(plan.motion.times[-1]), _loop_of(plan, cap)
     told = float(np.linalg.norm(plan.load[:3]))
 
     def control(felt: Felt) -> Command:
@@ -206,14 +206,12 @@ CONTROLLERS: dict[str, tuple[str, Maker]] = {
 }
 
 
-def _grip_of(plan: GraspPlan) -> dict[str, object]:
-    return plan.grip_controller().constants()
-
-
-def _maps_of(plan: GraspPlan) -> tuple[Array, Array, Array]:
-    """Torques without a squeeze (n,), torques by forces (n, 3k), planned forces (k, 3)."""
-    grip = _grip_of(plan)
-    return np.array(grip["bias"]), np.array(grip["joint_map"]), np.array(grip["planned"])
+def _maps_of(plan: GraspPlan) -> tuple[Array, Array, Array, Array]:
+    """Torques without a squeeze (n,), torques by forces (n, 3k), planned forces (k, 3), projection on internal ones."""
+    grip = plan.grip_controller().constants()
+    names = ("bias", "joint_map", "planned", "internal")
+    bias, joint_map, planned, internal = (np.array(grip[name]) for name in names)
+    return bias, joint_map, planned, internal
 
 
 def _loop_of(plan: GraspPlan, cap: float) -> pg.OnlineForces:

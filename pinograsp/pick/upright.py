@@ -10,8 +10,7 @@ import pinocchio as pin
 from pinograsp.pick.arm import Arm
 from pinograsp.spatial import Array, skew
 
-_STEPS = 20  # of Newton's method
-_PROJECTIONS = 50  # likewise, as many as OMPL's own
+_STEPS = 50  # of Newton's method, as many as OMPL's own
 _LEVEL = 1e-4  # [-] sine of a tilt that is none
 
 
@@ -43,8 +42,9 @@ class Upright:
     def lean_slopes(self, x: Array) -> Array:
         """Its derivatives by x: (2, a)."""
         arm = self.arm
-        J = pin.computeJointJacobian(arm.model, arm.data, x, arm.palm_joint)[3:]
-        slopes: Array = self._level @ self._turn(x) @ self._across @ J
+        pin.computeJointJacobians(arm.model, arm.data, x)  # and where the joints are
+        J = pin.getJointJacobian(arm.model, arm.data, arm.palm_joint, pin.LOCAL)[3:]
+        slopes: Array = self._level @ arm.data.oMi[arm.palm_joint].rotation @ self._across @ J
         return slopes
 
     def measure(self, x: Array) -> float:
@@ -54,14 +54,11 @@ class Upright:
 
     def project(self, x: Array, tolerance: float) -> bool:
         """Move x (a,) to a posture whose tilt's sine is at most that (Newton's method); False: it was not reached."""
-        model, data, joint = self.arm.model, self.arm.data, self.arm.palm_joint
-        for _ in range(_PROJECTIONS):
-            pin.computeJointJacobians(model, data, x)
-            turn = data.oMi[joint].rotation
-            lean = self._level @ (turn @ self._axis)
+        for _ in range(_STEPS):
+            lean = self.lean(x)
             if lean @ lean <= tolerance**2:
                 return True
-            J = self._level @ turn @ self._across @ pin.getJointJacobian(model, data, joint, pin.LOCAL)[3:]
+            J = self.lean_slopes(x)
             (a, b), (_, d) = J @ J.T
             if not (det := a * d - b * b) > 0.0:
                 return False
@@ -69,11 +66,8 @@ class Upright:
         return False
 
     def straighten(self, x: Array) -> Array | None:
-        """The nearest posture without tilt, or one that is near (Newton's method); None: none was found."""
-        for _ in range(_STEPS):
-            lean = self.lean(x)
-            if np.linalg.norm(lean) < _LEVEL:
-                inside = bool(np.all(x >= self.arm.lower) and np.all(x <= self.arm.upper))
-                return x if inside and self.measure(x) <= self.most else None
-            x = x - np.linalg.pinv(self.lean_slopes(x), rcond=1e-3) @ lean
-        return None
+        """The nearest posture without tilt, or one that is near; None: none was found."""
+        x = x.copy()
+        if not self.project(x, _LEVEL) or np.any(x < self.arm.lower) or np.any(x > self.arm.upper):
+            return None
+        return x if self.measure(x) <= self.most else None

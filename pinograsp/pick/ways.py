@@ -151,9 +151,6 @@ def _make_constraint(base: Any, upright: Upright, a: int, tolerance: float, coun
         def function(self, x: Array, out: Array) -> None:
             out[:] = upright.lean(x)
 
-        def jacobian(self, x: Array, out: Array) -> None:
-            out[:] = upright.lean_slopes(x)
-
         def project(self, x: Array) -> bool:
             count()
             return upright.project(x, tolerance)

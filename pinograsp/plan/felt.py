@@ -12,7 +12,7 @@ class Measured(NamedTuple):
     """A measured quantity.
 
     Attributes:
-        value: the numbers; what is not finite was not measured.
+        value: the numbers; with one that is not finite nothing of it was measured.
         time: when they were measured [s].
     """
 

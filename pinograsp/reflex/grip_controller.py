@@ -22,7 +22,6 @@ from pinograsp.spatial import Array
 _KINDS = ("forces", "normal_forces", "slips", "torques", "wrench", "acceleration")
 _STATUS = {core.CONVERGED: Status.OK, core.INFEASIBLE: Status.INFEASIBLE, core.STALLED: Status.INACCURATE}
 _SINGULAR = 1e-3  # of the largest torque that a force makes: what makes less is not told by torques
-_BLIND_SHARE = 1.5  # of the planned squeeze that stays where slip is not felt
 
 
 class GripSettings(TypedDict, total=False):
@@ -53,7 +52,7 @@ class GripController:
     - Where most of the squeeze slips, it jumps at once, no higher than the caps; the next jump waits until the first
       one is felt. Where no forces hold the load with that friction, the planned squeeze rises as it is.
     - Without slip it is released slowly, to no less than ``kept`` of the planned squeeze in proportion to the load over
-      the friction; where slip or load is not felt, to no less than planned.
+      the friction; where slip or load is not felt, one and a half times the planned squeeze stays.
     - What is felt too much is taken off slowly, and given back at once where more is wanted.
     - Without any measurement for 50 ms nothing is released (``blind``).
 
@@ -128,19 +127,18 @@ class GripController:
         f = array_of("forces", forces, (k, 3))
         holding = array_of("torques", torques, (n,))
         posture = array_of("q", q, (n,))
-        caps = np.full(k, problem.deepest_force) if max_normal_force is None else each_of("caps", max_normal_force, k)
-        if max_normal_force is None and problem.max_normal_force is not None:
-            caps = np.minimum(caps, problem.max_normal_force)
-        if np.any(caps < f[:, 2] * (1.0 - 1e-9)):
-            raise InvalidInput(
-                f"caps: expected at least the planned normal forces {shorten(f[:, 2].round(3).tolist())} N, got "
-                f"{shorten(np.asarray(caps).tolist())} N"
-            )
+        limits_of_force = None if max_normal_force is None else (0.0, each_of("caps", max_normal_force, k))
         # Its own margin takes the place of the plan's safety factor.
         problem = replace(problem, friction=replace(problem.friction, safety=1.0))
         self.loop = OnlineForces(
-            problem, hand=hand, q=posture, normal_forces=(0.0, caps), max_rate=max_rate, period=period
+            problem, hand=hand, q=posture, normal_forces=limits_of_force, max_rate=max_rate, period=period
         )
+        caps = self.loop.largest.copy()
+        if np.any(caps < f[:, 2] * (1.0 - 1e-9)):
+            raise InvalidInput(
+                f"caps: expected at least the planned normal forces {shorten(f[:, 2].round(3).tolist())} N, got "
+                f"{shorten(caps.tolist())} N"
+            )
         self.period, self.names = self.loop.period, problem.contacts.names
         limits = torque_limits(hand, problem.contacts, posture, gravity_o=problem.gravity_o)
         self._setup = _describe_grasp(problem, limits, f, holding) | {
@@ -149,10 +147,9 @@ class GripController:
             "noise": number("noise", noise, at_least=0, at_most=10),
             "margin": number("margin", margin, at_least=1, at_most=1e3),
             "kept": number("kept", kept, at_least=0, at_most=1e3),
-            "unfelt": _BLIND_SHARE,
             "release": number("release", release, above=0, unit="s"),
             "torque_limit": np.full(n, np.inf) if torque_limit is None else _limits_of(torque_limit, n),
-            "most": np.array(caps),
+            "most": caps,
         }
         setup = core.load().GripSetup()
         for name, value in self._setup.items():
@@ -234,8 +231,8 @@ class GripController:
     def constants(self) -> dict[str, Any]:
         """All that the controller was set up with, as plain values: for controllers in C++.
 
-        Keys are those of ``pinograsp::core::GripSetup`` (``pinograsp/core/grip.hpp``); under ``loop`` those of
-        :meth:`~pinograsp.motion.OnlineForces.constants`.
+        Keys are those of ``pinograsp::core::GripSetup`` (``pinograsp/core/grip.hpp``), whose other fields stay as they
+        are there; under ``loop`` those of :meth:`~pinograsp.motion.OnlineForces.constants`.
         """
         return {name: np.asarray(one).tolist() for name, one in self._setup.items()} | {"loop": self.loop.constants()}
 

@@ -120,11 +120,12 @@ class SimulationOptions:
             "command delay": np.any(disturbance.command_delay),
             "drive gain": np.any(np.asarray(disturbance.drive_gain) != 1.0),
         }
-        if self.controller is not None and not callable(self.controller):
-            raise InvalidInput(f"controller: expected a function of what is felt, got {self.controller!r}")
         instance_of("sensors", self.sensors, Sensors)
-        if self.controller is not None and (self.mode == "prescribed" or not self.release):
-            raise InvalidInput("controller: expected with mode='servo' and release=True, where drives hold the object")
+        if self.controller is not None:
+            if not callable(self.controller):
+                raise InvalidInput(f"controller: expected a function of what is felt, got {self.controller!r}")
+            if self.mode == "prescribed" or not self.release:
+                raise InvalidInput("controller: expected with mode='servo' and release=True: drives hold the object")
         for name, given in errors.items():
             if given and self.mode == "prescribed":
                 raise InvalidInput(

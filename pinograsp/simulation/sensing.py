@@ -7,15 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinograsp.checks import array_of, brief, integer, items_of, number, one_of, share_of
+from pinograsp.checks import array_of, brief, each_of, integer, items_of, number, one_of, share_of
 from pinograsp.plan.felt import Command, Controller, Felt, Measured
 from pinograsp.simulation.law import ContactForces, Pressing, Touches
 from pinograsp.simulation.mujoco_engine import MujocoEngine
 from pinograsp.simulation.sample import sum_by_part
+from pinograsp.simulation.settings import Disturbance
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, cross
 
 QUANTITIES = ("forces", "normal_forces", "slips", "torques", "joint_positions", "wrench", "acceleration")
+_ROUNDING = 1e-9  # [s] of times that are sums of steps
 _SLIPS = 1e-3  # [m/s] slower than that a sensor of slip does not tell
 
 
@@ -58,16 +60,13 @@ class Sensors:
 
 
 class ControlLoop:
-    """Calls a controller from t_F on, as its sensors tell and its drives follow.
+    """Calls a controller from t_F on, as its sensors tell and its drives follow."""
 
-    Attributes:
-        begins: of the first tick [s].
-    """
-
-    def __init__(self, task: Task, controller: Controller, sensors: Sensors, command_delay: Array, drive_gain: Array):
+    def __init__(self, task: Task, controller: Controller, sensors: Sensors, disturbance: Disturbance):
         self.task, self.controller, self.sensors = task, controller, sensors
-        self.delay, self.drive_gain = command_delay, drive_gain
-        self.begins = task.final_time - float(command_delay.max(initial=0.0))
+        self.delay = each_of("command delay", disturbance.command_delay, task.hand.n)
+        self.drive_gain = each_of("drive gain", disturbance.drive_gain, task.hand.n)
+        self.latest = float(self.delay.max(initial=0.0))
         self.rng = np.random.default_rng(sensors.seed)
         joints = np.array([task.joint_of(link) for link in task.links])
         # A part's force is told for each of its contacts by the share that each is planned to have.
@@ -77,17 +76,17 @@ class ControlLoop:
         self.waiting: deque[tuple[float, dict[str, Measured]]] = deque()
         self.sent: deque[tuple[float, Command]] = deque()
         self.slipped: Array | None = None
-        self.measured = self.next = self.begins
+        self.measured = self.next = task.final_time - self.latest  # the task's commands are delayed already
 
     def tick(self, time: float, engine: MujocoEngine, law: ContactForces, touches: Touches, pressing: Pressing) -> None:
         """At a step: measure, and call the controller, where it is time for it."""
-        if time < self.next - 1e-9:
+        if time < self.next - _ROUNDING:
             return
         self.next += self.sensors.period
         if self.rng.random() >= self.sensors.loss:
             self.waiting.append((time, self._measure(time, engine, law, touches, pressing)))
         told = dict[str, Measured]()
-        while self.waiting and self.waiting[0][0] <= time - self.sensors.delay + 1e-9:
+        while self.waiting and self.waiting[0][0] <= time - self.sensors.delay + _ROUNDING:
             told = self.waiting.popleft()[1]
         command = self.controller(Felt(time=time, **told))
         torques = array_of("controller: torques", command.torques, (self.task.hand.n,))
@@ -98,14 +97,14 @@ class ControlLoop:
 
     def command(self, time: float) -> Command | None:
         """What the drives follow at a time [s]; None: the plan still."""
-        n, latest = self.task.hand.n, float(self.delay.max(initial=0.0))
-        while len(self.sent) > 1 and self.sent[1][0] <= time - latest + 1e-9:
+        n, until = self.task.hand.n, time - self.latest + _ROUNDING
+        while len(self.sent) > 1 and self.sent[1][0] <= until:
             self.sent.popleft()
-        if not self.sent or self.sent[0][0] > time - latest + 1e-9:
+        if not self.sent or self.sent[0][0] > until:
             return None
         if np.ptp(self.delay) == 0.0:
             return self.sent[0][1]
-        own = [next(c for t, c in reversed(self.sent) if t <= time - self.delay[j] + 1e-9) for j in range(n)]
+        own = [next(c for t, c in reversed(self.sent) if t <= time - self.delay[j] + _ROUNDING) for j in range(n)]
         torques = np.array([command.torques[j] for j, command in enumerate(own)])
         references = [command.references for command in own]
         told = [one[j] for j, one in enumerate(references) if one is not None]

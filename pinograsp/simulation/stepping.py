@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.checks import array_of, each_of
+from pinograsp.checks import array_of
 from pinograsp.errors import SimulationDiverged
 from pinograsp.simulation.law import ContactForces, Pressing, Touches
 from pinograsp.simulation.mujoco_engine import MujocoEngine
@@ -71,14 +71,7 @@ class Trial:
         self.moved = disturbance.accelerates
         self.loop: ControlLoop | None = None
         if self.options.controller is not None:
-            delay, gain = (
-                each_of(name, value, task.hand.n)
-                for name, value in (
-                    ("command delay", disturbance.command_delay),
-                    ("drive gain", disturbance.drive_gain),
-                )
-            )
-            self.loop = ControlLoop(task, self.options.controller, self.options.sensors, delay, gain)
+            self.loop = ControlLoop(task, self.options.controller, self.options.sensors, disturbance)
         self.samples: list[Sample] = []
         self.complete, self.gone = 0, False
         self.joint_work = self.load_work = 0.0

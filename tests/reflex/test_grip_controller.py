@@ -17,21 +17,21 @@ SEED = secrets.randbelow(10**9)
 PERIOD, CAP = 1e-3, 12.0
 
 
+def grasp_can(hand, radius):
+    conditions, body = pg.GraspConditions(mu=0.6), pg.Cylinder(radius=radius, height=0.12, mass=0.25)
+    found = pg.find_grasps(pg.load_hand(hand), body, conditions, count=16, seed=1, jobs=1, progress=False)
+    return pg.plan_best(found, conditions, progress=False)
+
+
 @pytest.fixture(scope="module")
 def plan():
-    conditions = pg.GraspConditions(mu=0.6)
-    body = pg.Cylinder(radius=0.033, height=0.12, mass=0.25)
-    found = pg.find_grasps(pg.load_hand("allegro_right"), body, conditions, count=16, seed=1, jobs=1, progress=False)
-    return pg.plan_best(found, conditions, progress=False)
+    return grasp_can("allegro_right", 0.033)
 
 
 @pytest.fixture(scope="module")
 def jaws():
     """A grasp that some squeeze holds, however slippery it is."""
-    conditions = pg.GraspConditions(mu=0.6)
-    body = pg.Cylinder(radius=0.03, height=0.12, mass=0.25)
-    found = pg.find_grasps(pg.load_hand("panda"), body, conditions, count=16, seed=1, jobs=1, progress=False)
-    return pg.plan_best(found, conditions, progress=False)
+    return grasp_can("panda", 0.03)
 
 
 @pytest.fixture

@@ -31,6 +31,13 @@ View view(double* values, std::initializer_list<std::size_t> shape, nb::handle o
     return View(values, shape.size(), shape.begin(), owner);
 }
 
+// The same of values of each contact, one or three, or, with a width of 0, of each joint.
+View view_of(double* values, int width, std::size_t contacts, std::size_t joints, nb::handle owner) {
+    if (width == 0) return view(values, {joints}, owner);
+    if (width == 3) return view(values, {contacts, 3}, owner);
+    return view(values, {contacts}, owner);
+}
+
 void need(bool fits, const char* what) {
     if (!fits) throw nb::value_error(what);
 }
@@ -223,7 +230,8 @@ public:
     // Keeps the loop that it computes on.
     GripLoop(nb::object loop, const GripSetup& setup) : loop_(loop) {
         Online& online = *nb::cast<Loop&>(loop).online;
-        need(fault_of(setup, online.setup()) == nullptr, fault_of(setup, online.setup()));
+        const char* fault = fault_of(setup, online.setup());
+        need(fault == nullptr, fault);
         grip = std::make_unique<Grip>(online, setup);
     }
 
@@ -876,10 +884,7 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     const auto array = [&loop](const char* name, double* Online::* values, int width_of) {
         loop.def_prop_ro(name, [values, width_of](nb::handle self) {
             Online& own = *nb::cast<Loop&>(self).online;
-            const std::size_t k = own.setup().contacts;
-            if (width_of == 0) return view(own.*values, {static_cast<std::size_t>(own.setup().joints)}, self);
-            if (width_of == 3) return view(own.*values, {k, 3}, self);
-            return view(own.*values, {k}, self);
+            return view_of(own.*values, width_of, own.setup().contacts, own.setup().joints, self);
         });
     };
     array("least", &Online::least, 1);
@@ -944,15 +949,10 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     const auto told = [&grip](const char* name, double* Grip::* values, int width) {
         grip.def_prop_ro(name, [values, width](nb::handle self) {
             Grip& own = *nb::cast<GripLoop&>(self).grip;
-            const std::size_t k = own.contacts();
-            if (width == 0) return view(own.*values, {static_cast<std::size_t>(own.joints())}, self);
-            if (width == 3) return view(own.*values, {k, 3}, self);
-            return view(own.*values, {k}, self);
+            return view_of(own.*values, width, own.contacts(), own.joints(), self);
         });
     };
     told("forces", &Grip::forces, 3);
-    told("wanted", &Grip::wanted, 3);
-    told("felt", &Grip::felt, 3);
     told("torques", &Grip::torques, 0);
     told("mu", &Grip::mu, 1);
     told("mu_low", &Grip::mu_low, 1);

@@ -27,7 +27,7 @@ struct GripSetup {
     double noise = 0.1;        // standard deviation of a felt force, as a share of it
     double margin = 1.25;      // friction is used up to mu over it
     double kept = 0.45;        // share of the planned squeeze that stays, in proportion to load over friction
-    double unfelt = 1.0;       // the same where no load is felt
+    double unfelt = 1.5;       // the same where no load or no slip is felt
     double jump = 1.8;         // times the felt normal forces where most of the squeeze slips
     double calm = 0.25;        // without slip, before the squeeze is released [s]
     double release = 0.4;      // in which it falls to 1/e of what it was [s]
@@ -94,11 +94,13 @@ public:
     // On a loop, which stays where it is, with points, frames, Jacobian and gravity set.
     Grip(Online& online, const GripSetup& setup)
         : online_(online), setup_(setup), k_(online.setup().contacts), n_(static_cast<int>(setup.bias.size())) {
-        for (double** part : {&felt, &wanted, &forces, &more_, &lagging_, &given_, &work_})
-            *part = memory_.part<double>(3 * k_);
-        for (double** part : {&floor_, &level_, &since_, &mu_low, &mu_high, &mu, &slipping})
+        for (double** part : {&felt, &wanted, &forces, &more_, &lagging_, &work_}) *part = memory_.part<double>(3 * k_);
+        for (double** part : {&floor_, &level_, &since_, &given_, &mu_low, &mu_high, &mu, &slipping})
             *part = memory_.part<double>(k_);
         torques = memory_.part<double>(n_);
+        holding_ = memory_.copy(setup.bias.data(), n_);
+        for (int j = 0; j < n_; ++j)
+            for (int c = 0; c < 3 * k_; ++c) holding_[j] += setup.joint_map[j * 3 * k_ + c] * setup.planned[c];
         reset();
     }
 
@@ -187,10 +189,10 @@ public:
         blind = now - max(fresh_, begun_) > setup_.blind;
         estimate();
         learn_friction(dt);
-        const bool jumped = react();
+        react();
         set_floor(dt);
         const Tick found = solve();
-        follow(dt, jumped);
+        follow(dt, found == Tick::converged);
         command();
         return found;
     }
@@ -243,9 +245,9 @@ private:
     double* lagging_ = nullptr;  // wanted, as late as it is felt (k, 3) [N]
     double* given_ = nullptr;    // friction of contacts that slip (k)
     double* work_ = nullptr;
+    double* holding_ = nullptr;  // torques of the planned forces (n) [N m or N]
     double stamps_[feelings], spreads_[feelings] = {}, wrench_[6], acceleration_[3];
     double now_ = -infinity, fresh_ = -infinity, begun_ = -infinity, slipped_ = -infinity, jumped_ = -infinity;
-    bool feasible_ = true;
 
     // The latency of all, smoothing included [s].
     double lag() const { return setup_.latency + setup_.smoothing + setup_.period; }
@@ -258,6 +260,7 @@ private:
     bool tells_normals() const {
         return tells_vectors() || is_fresh(Feeling::normal_forces) || is_fresh(Feeling::torques);
     }
+    bool is_settled() const { return now_ - begun_ > settling; }
     bool tells_slips() const { return std::isfinite(stamps_[static_cast<int>(Feeling::slips)]); }
     // Of the smoothed vectors, in variances of one measurement.
     double spread() const {
@@ -325,17 +328,17 @@ private:
 
     bool slips_long(int i) const { return slipping[i] > 0.0 && since_[i] > sustained; }
 
-    // Whether the squeeze has jumped: most of it slips.
-    bool react() {
+    // The squeeze jumps where most of it slips.
+    void react() {
         double whole = 0.0, part = 0.0;
         for (int i = 0; i < k_; ++i) {
             const double normal = max(felt[3 * i + 2], 0.0);
             whole += normal;
             if (since_[i] > sustained && is_fresh(Feeling::slips)) part += normal;
         }
-        if (!(part > 0.5 * whole)) return false;
+        if (!(part > 0.5 * whole)) return;
         slipped_ = now_;
-        if (now_ - jumped_ <= lag() + sustained) return false;  // the last jump is not felt yet
+        if (now_ - jumped_ <= lag() + sustained) return;  // the last jump is not felt yet
         jumped_ = now_;
         ++reflexes;
         const bool vectors = tells_vectors();
@@ -344,22 +347,21 @@ private:
             if (!vectors) level_[i] = max(level_[i], setup_.margin * normal);
             floor_[i] = max(floor_[i], setup_.jump * normal);
         }
-        return true;
     }
 
     // The least F_n: falls slowly to the share of the planned squeeze that stays.
     void set_floor(double dt) {
-        const bool vectors = load_bound<infinity, settled = now_ - begun_> settling;
-        if (settled && !blind && now_ - slipped_ > setup_.calm + setup_.latency) {
+        const bool told = std::isfinite(load_bound) && tells_slips();
+        if (is_settled() && !blind && now_ - slipped_ > setup_.calm + setup_.latency) {
             const double share = std::exp(-dt / setup_.release);
             for (int i = 0; i < k_; ++i) floor_[i] *= share;
         }
-        if (settled) {
+        if (is_settled()) {
             const double planned = std::sqrt(dot3(setup_.load, setup_.load));
             const double times = planned > 0.0 ? std::sqrt(dot3(load, load)) / planned : 1.0;
             for (int i = 0; i < k_; ++i) {
                 const double more = min(most_times, times * setup_.mu[i] / max(mu[i], 0.05));
-                const double kept = vectors && tells_slips() ? setup_.kept * more : setup_.unfelt * max(1.0, more);
+                const double kept = told ? setup_.kept * more : setup_.unfelt * max(1.0, more);
                 floor_[i] = max(max(floor_[i], level_[i]), kept * max(setup_.planned[3 * i + 2], 0.0));
             }
         }
@@ -382,14 +384,13 @@ private:
         online_.moved = true;
         std::copy_n(load, 6, online_.wrench);
         const Tick found = online_.tick();
-        feasible_ = found == Tick::converged;
         for (int c = 0; c < 3 * k_; ++c)
-            wanted[c] = feasible_ ? online_.forces[c] : min(times, most) * setup_.planned[c];
+            wanted[c] = found == Tick::converged ? online_.forces[c] : min(times, most) * setup_.planned[c];
         return found;
     }
 
     // What is felt too much is taken off, slowly; given back at once where more is wanted.
-    void follow(double dt, bool jumped) {
+    void follow(double dt, bool feasible) {
         const double share = 1.0 - std::exp(-dt / lag());
         double sum = 0.0, late = 0.0, seen = 0.0;
         for (int i = 0; i < k_; ++i) {
@@ -398,10 +399,10 @@ private:
             late += lagging_[3 * i + 2];
             seen += felt[3 * i + 2];
         }
-        if (jumped || now_ == slipped_ || sum > rising * late) {
+        if (now_ == slipped_ || sum > rising * late) {
             const double left = std::exp(-dt / dropping);
             for (int c = 0; c < 3 * k_; ++c) more_[c] *= left;
-        } else if (feasible_ && !blind && tells_normals() && now_ - begun_ > settling && late < seen) {
+        } else if (feasible && !blind && tells_normals() && is_settled() && late < seen) {
             const bool vectors = tells_vectors();
             for (int c = 0; c < 3 * k_; ++c) work_[c] = vectors || c % 3 == 2 ? lagging_[c] - felt[c] : 0.0;
             for (int r = 0; r < 3 * k_; ++r) more_[r] += relaxing / lag() * dt * project(r, work_);
@@ -433,18 +434,12 @@ private:
             if (r % 3 == 2) keep(-infinity, planned[r], forces[r], setup_.most[r / 3]);
         }
         for (int j = 0; j < n_; ++j) {
-            double now = setup_.bias[j], change = 0.0;
-            for (int c = 0; c < 3 * k_; ++c) {
-                now += setup_.joint_map[j * 3 * k_ + c] * planned[c];
-                change += setup_.joint_map[j * 3 * k_ + c] * forces[c];
-            }
-            keep(-setup_.torque_limit[j], now, change, setup_.torque_limit[j]);
-            torques[j] = now;
+            torques[j] = 0.0;  // their change, until the share is known
+            for (int c = 0; c < 3 * k_; ++c) torques[j] += setup_.joint_map[j * 3 * k_ + c] * forces[c];
+            keep(-setup_.torque_limit[j], holding_[j], torques[j], setup_.torque_limit[j]);
         }
-        for (int j = 0; j < n_; ++j) {
-            for (int c = 0; c < 3 * k_; ++c) torques[j] += share * setup_.joint_map[j * 3 * k_ + c] * forces[c];
-            torques[j] = min(max(torques[j], -setup_.torque_limit[j]), setup_.torque_limit[j]);
-        }
+        for (int j = 0; j < n_; ++j)
+            torques[j] = min(max(holding_[j] + share * torques[j], -setup_.torque_limit[j]), setup_.torque_limit[j]);
         for (int r = 0; r < 3 * k_; ++r) forces[r] = planned[r] + share * forces[r];
     }
 
