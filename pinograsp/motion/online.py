@@ -329,10 +329,15 @@ class OnlineForces:
             self.status = Status.INVALID_INPUT
             return self.forces, self.torques, self.status
         self.status = status = _STATUS[code]
-        if self._give is not None:
-            np.multiply(self.torques, self._give, out=self.positions)
-            self.positions += self._posture
+        self.place_servos(self.torques)
         return self.forces, self.torques, status
+
+    def place_servos(self, torques: Array) -> Array:
+        """The ``positions`` for torques (n,) [N m or N]; empty without ``stiffness``."""
+        if self._give is not None:
+            np.multiply(torques, self._give, out=self.positions)
+            self.positions += self._posture
+        return self.positions
 
     def _update(self, q: ArrayLike | None, poses: ArrayLike | None, mu: ArrayLike | None) -> None:
         # All checked before anything changes.

@@ -131,7 +131,13 @@ class GripController:
         # Its own margin takes the place of the plan's safety factor.
         problem = replace(problem, friction=replace(problem.friction, safety=1.0))
         self.loop = OnlineForces(
-            problem, hand=hand, q=posture, normal_forces=limits_of_force, max_rate=max_rate, period=period
+            problem,
+            hand=hand,
+            q=posture,
+            normal_forces=limits_of_force,
+            max_rate=max_rate,
+            period=period,
+            stiffness=stiffness,
         )
         caps = self.loop.largest.copy()
         if np.any(caps < f[:, 2] * (1.0 - 1e-9)):
@@ -162,9 +168,7 @@ class GripController:
         self.forces, self.torques, self.load = grip.forces, grip.torques, grip.load
         self.mu, self.mu_low, self.mu_high, self.slipping = grip.mu, grip.mu_low, grip.mu_high, grip.slipping
         self.status = Status.OK
-        self._give = None if stiffness is None else 1.0 / _stiffness_of(stiffness, n)
-        self._posture = np.array(posture)
-        self._holding = np.array(holding)
+        self._servos = stiffness is not None
 
     @property
     def load_bound(self) -> float:
@@ -209,9 +213,7 @@ class GripController:
                     grip.feel(kind, self._read(name, measured.value), measured.time)
         code = grip.tick(felt.time)
         self.status = _STATUS.get(code, Status.INVALID_INPUT)
-        if self._give is None:
-            return Command(self.torques)
-        return Command(self.torques, self._posture + self._give * (self.torques - self._holding))
+        return Command(self.torques, self.loop.place_servos(self.torques).copy() if self._servos else None)
 
     __call__ = step
 
@@ -263,11 +265,4 @@ def _limits_of(limit: ArrayLike, n: int) -> Array:
     values = np.array(np.broadcast_to(np.asarray(limit, dtype=float), (n,)))
     if np.any(np.isnan(values)) or np.any(values < 0):
         raise InvalidInput(f"torque limits: expected numbers from 0 on, got {shorten(values.tolist())}")
-    return values
-
-
-def _stiffness_of(stiffness: ArrayLike, n: int) -> Array:
-    values = each_of("stiffness", stiffness, n)
-    if values.min() <= 0:
-        raise InvalidInput(f"stiffness: expected values above 0 [N m/rad or N/m], got {shorten(values.tolist())}")
     return values
