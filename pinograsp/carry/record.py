@@ -131,6 +131,16 @@ class CarryRecord:
         return np.asarray(self.normal_forces.sum(axis=1))
 
     @property
+    def closing_stiffness(self) -> dict[str, float] | None:
+        """Gains of the fingers' servos while the hand closes, ``{joint: N m/rad or N/m}``, see
+        :class:`~pinograsp.plan.Motion`; None: those that they have anyway.
+        """
+        if (soft := self.closing.closing_stiffness) is None:
+            return None
+        hand = self.grasp.require_hand()
+        return {hand.joint_names[i]: float(soft[i]) for finger in hand.fingers for i in finger.dofs}
+
+    @property
     def torque_limits(self) -> Array:
         """Largest torques that the robot's joints and drives can make (n,) [N m or N], infinity where none is known."""
         return drives_limit(self.robot)

@@ -60,7 +60,8 @@ def simulate_carry(
 
 
 def choose_servo(plan: CarryPlan) -> Servo:
-    """The hand's servos, and for joints of the arm without any stiff ones, damped critically on the way.
+    """The hand's servos, soft while it closes as its plan has them, and for joints of the arm without any stiff ones,
+    damped critically on the way.
 
     What a joint moves when all others give way is less than what it moves when they do not, by far where axes are
     nearly in line; more damping than for that would need shorter steps than the contacts do.
@@ -75,8 +76,12 @@ def choose_servo(plan: CarryPlan) -> Servo:
         least = np.minimum(least, 1.0 / np.diag(np.linalg.inv(mass)))
     stiffness[bare] = np.minimum(robot.effort / GIVES, QUICKEST**2 * least)[bare]
     damping[bare] = 2.0 * np.sqrt(stiffness * least)[bare]
-    pressing = find_pressing(robot)
-    return Servo(stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control, pressing=pressing)
+    servo = Servo(
+        stiffness=stiffness, damping=damping, rotor=own.rotor, control=own.control, pressing=find_pressing(robot)
+    )
+    if (soft := plan.closing_stiffness) is None:
+        return servo
+    return replace(servo, closing=np.array([soft.get(name, k) for name, k in zip(robot.joint_names, stiffness)]))
 
 
 class ClosingPhase(NamedTuple):

@@ -114,7 +114,9 @@ def simulate_pick(plan: PickRecord, *, disturbance: Disturbance | None = None) -
 
     The object stands on a plane where it is taken and where it is put; contacts of the hand follow the grasp's law with
     friction (:mod:`pinograsp.simulation.law`); arm and hand have a servo at each joint, with the plan's torques as
-    feed-forward. What else is around is looked at: what the robot, or the object, came nearest to.
+    feed-forward. While the hand closes its servos are as soft as the grasp's plan has them (``closing_stiffness``);
+    when the object is taken up the fingers are held where they have come to, and keep that distance from their
+    commands to the end. What else is around is looked at: what the robot, or the object, came nearest to.
 
     Args:
         plan: of :func:`~pinograsp.pick.plan_pick`.
@@ -168,16 +170,18 @@ class _World:
             return Table(body, at, plan.grasp.gravity_o, mass, mu, _STEP)
 
         self.tables = [table_under(stands), None if plan.place is None else table_under(plan.place @ self.shape)]
-        self.change = _find_change(plan)
+        self.closed, self.change = sum(phase.duration for phase in plan.phases[:2]), _find_change(plan)
         self.times, self.q, self.poses = list[float](), list[Array](), list[Array]()
 
     def play(self) -> None:
         """Send the plan's commands, and look at what comes."""
         engine, way = self.engine, self.way
         engine.place(way.q[0], way.dq[0], self.start)
-        steps = len(way.times) + round(_SETTLE / _STEP)
+        steps, closed = len(way.times) + round(_SETTLE / _STEP), round(self.closed / _STEP)
         for i in range(steps):
             row = min(i, len(way.times) - 1)
+            if i == closed:
+                engine.stiffen(way.q[row])
             touches = self.law.drop_shallower(engine.touches())
             pose, twist = engine.object_pose, engine.object_twist
             pressing = self.law.press(touches, _STEP, pose)
