@@ -116,7 +116,7 @@ def simulate_pick(plan: PickRecord, *, disturbance: Disturbance | None = None) -
     friction (:mod:`pinograsp.simulation.law`); arm and hand have a servo at each joint, with the plan's torques as
     feed-forward. While the hand closes its servos are as soft as the grasp's plan has them (``closing_stiffness``);
     when the object is taken up the fingers are held where they have come to, and keep that distance from their
-    commands to the end. What else is around is looked at: what the robot, or the object, came nearest to.
+    commands until they open. What else is around is looked at: what the robot, or the object, came nearest to.
 
     Args:
         plan: of :func:`~pinograsp.pick.plan_pick`.
@@ -170,18 +170,27 @@ class _World:
             return Table(body, at, plan.grasp.gravity_o, mass, mu, _STEP)
 
         self.tables = [table_under(stands), None if plan.place is None else table_under(plan.place @ self.shape)]
-        self.closed, self.change = sum(phase.duration for phase in plan.phases[:2]), _find_change(plan)
+        self.change = _find_change(plan)
+        ends = np.cumsum([phase.duration for phase in plan.phases])
+        self.taken = round(ends[1] / _STEP)
+        # Share of the fingers' distance from their commands that is left, by row of the way.
+        opened = np.zeros(len(self.way.times))
+        if plan.place is not None:
+            opened = np.clip((self.way.times - ends[2]) / (ends[3] - ends[2]), 0.0, 1.0)
+        self.left = (1.0 + np.cos(np.pi * opened)) / 2.0
         self.times, self.q, self.poses = list[float](), list[Array](), list[Array]()
 
     def play(self) -> None:
         """Send the plan's commands, and look at what comes."""
         engine, way = self.engine, self.way
         engine.place(way.q[0], way.dq[0], self.start)
-        steps, closed = len(way.times) + round(_SETTLE / _STEP), round(self.closed / _STEP)
+        steps, moved = len(way.times) + round(_SETTLE / _STEP), engine.moved
         for i in range(steps):
             row = min(i, len(way.times) - 1)
-            if i == closed:
+            if i == self.taken:
                 engine.stiffen(way.q[row])
+                moved = engine.moved
+            engine.moved = self.left[row] * moved
             touches = self.law.drop_shallower(engine.touches())
             pose, twist = engine.object_pose, engine.object_twist
             pressing = self.law.press(touches, _STEP, pose)
