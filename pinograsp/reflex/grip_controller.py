@@ -47,17 +47,19 @@ class GripController:
     - The planned forces, and internal ones besides: a squeeze never pushes the object by itself; its weight is held by
       the servos' stiffness, as planned. The internal ones are those of the forces of least squares for the load that is
       felt (:class:`~pinograsp.motion.OnlineForces`), with the friction that is believed over ``margin``.
-    - Friction is believed as planned until a contact slips; then as it is felt to slip. No contact is believed to have
-      less than the ratio at which it has held.
-    - Where most of the squeeze slips, it jumps at once, no higher than the caps; the next jump waits until the first
-      one is felt. Where no forces hold the load with that friction, the planned squeeze rises as it is.
+    - Friction is believed as planned until a contact slips; then as it is felt to slip there, and so of all contacts
+      that have not slipped. No contact is believed to have less than the ratio at which it has held.
+    - Where most of the squeeze slips, the planned squeeze rises as it is to 1.8 times what is commanded, at once, no
+      higher than the caps; it rises again when that has been felt. The same where no forces hold the load with that
+      friction.
     - Without slip it is released slowly, to no less than ``kept`` of the planned squeeze in proportion to the load over
       the friction; where slip or load is not felt, one and a half times the planned squeeze stays.
-    - What is felt too much is taken off slowly, and given back at once where more is wanted.
+    - What is felt too much is taken off slowly, and what is felt too little added; what was taken off is given back at
+      once where more is wanted.
     - Without any measurement for 50 ms nothing is released (``blind``).
 
-    No command is above the caps of F_n or the joints' torque limits. The law runs in the compiled core
-    (``pinograsp/core/grip.hpp``), in bounded time, without allocation.
+    No command is above the caps of F_n or the joints' torque limits; a joint at its limit keeps no other from more. The
+    law runs in the compiled core (``pinograsp/core/grip.hpp``), in bounded time, without allocation.
 
     Attributes:
         forces: commanded, on the object, in contact axes (k, 3) [N].
@@ -145,6 +147,7 @@ class GripController:
                 f"caps: expected at least the planned normal forces {shorten(f[:, 2].round(3).tolist())} N, got "
                 f"{shorten(caps.tolist())} N"
             )
+        self._bare = OnlineForces(replace(problem, torques=None), normal_forces=(0.0, caps))
         self.period, self.names = self.loop.period, problem.contacts.names
         limits = torque_limits(hand, problem.contacts, posture, gravity_o=problem.gravity_o)
         self._setup = _describe_grasp(problem, limits, f, holding) | {
@@ -193,6 +196,13 @@ class GripController:
         """Whether nothing has been measured for a while."""
         blind: bool = self._grip.blind
         return blind
+
+    def find_least_squeeze(self) -> float:
+        """Sum of the normal forces that the felt load asks for with the believed friction, without a margin, by forces of
+        least squares [N]; infinity: none hold it within the caps. Solved when it is asked for, not at every tick.
+        """
+        forces, _, status = self._bare.step(self.load, mu=self.mu)
+        return float(forces[:, 2].sum()) if status is Status.OK else np.inf
 
     def reset(self) -> None:
         """Forget all that was felt: the next tick starts from the plan."""

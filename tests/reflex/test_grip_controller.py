@@ -140,6 +140,29 @@ def test_a_contact_that_holds_has_at_least_the_friction_of_its_ratio_and_one_tha
         assert np.all(controller.mu_high >= controller.mu_low), SEED
 
 
+def test_what_slips_tells_of_contacts_that_have_not(plan):
+    controller, planned = plan.grip_controller(latency=0.03, max_normal_force=CAP), planned_of(plan)
+    planned[:, :2] *= 0.1  # none has held with much
+    slipping = np.arange(len(planned)) == int(planned[:, 2].argmax())
+    planned[slipping, 0], planned[slipping, 1] = 0.3 * planned[slipping, 2], 0.0
+    for i in range(200):
+        feel(controller, PERIOD * i, forces=planned, slips=1.0 * slipping)
+    np.testing.assert_allclose(controller.mu, 0.3, rtol=0.05)
+    assert np.all(np.isinf(controller.mu_high[~slipping]))
+
+
+def test_the_least_squeeze_is_that_of_the_felt_load(jaws):
+    controller = jaws.grip_controller(latency=0.03)
+    for i in range(300):
+        feel(controller, PERIOD * i, forces=planned_of(jaws), slips=0.0 * ones_of(jaws))
+    # Two contacts opposite each other hold a weight by friction alone.
+    weight = float(np.linalg.norm(jaws.load[:3]))
+    assert controller.find_least_squeeze() == pytest.approx(weight / 0.6, rel=0.02)
+    before = controller.torques.copy()
+    command = feel(controller, 0.3, forces=planned_of(jaws), slips=0.0 * ones_of(jaws))
+    np.testing.assert_allclose(command.torques, before, atol=1e-3)  # to ask changes nothing
+
+
 def test_a_slip_makes_the_squeeze_jump_once_until_that_is_felt(jaws):
     controller = jaws.grip_controller(latency=0.03, max_normal_force=5 * CAP)
     for i in range(100):

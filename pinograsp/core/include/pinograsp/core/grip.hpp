@@ -3,8 +3,9 @@
 //
 // What is commanded are the planned forces and internal ones besides, so that a squeeze never pushes the object away by
 // itself: f = f0 + P (f* - f0), with f* the forces of least squares for the load that is felt, in the cones of the
-// friction that is believed over a margin, and never under a share of the planned squeeze. Whoever slips tells its
-// friction; where most of the squeeze slips, it jumps at once and is released slowly.
+// friction that is believed over a margin, and never under a share of the planned squeeze. Whoever slips tells the
+// friction of all that have not held with more; where most of the squeeze slips, all of it jumps at once, as it is
+// planned, and is released slowly.
 #pragma once
 
 #include <algorithm>
@@ -28,7 +29,7 @@ struct GripSetup {
     double margin = 1.25;      // friction is used up to mu over it
     double kept = 0.45;        // share of the planned squeeze that stays, in proportion to load over friction
     double unfelt = 1.5;       // the same where no load or no slip is felt
-    double jump = 1.8;         // times the felt normal forces where most of the squeeze slips
+    double jump = 1.8;         // times the squeeze where most of it slips
     double calm = 0.25;        // without slip, before the squeeze is released [s]
     double release = 0.4;      // in which it falls to 1/e of what it was [s]
     double blind = 0.05;       // without any measurement, after which nothing is released [s]
@@ -95,10 +96,12 @@ public:
     Grip(Online& online, const GripSetup& setup)
         : online_(online), setup_(setup), k_(online.setup().contacts), n_(static_cast<int>(setup.bias.size())) {
         for (double** part : {&felt, &wanted, &forces, &more_, &lagging_, &work_}) *part = memory_.part<double>(3 * k_);
-        for (double** part : {&floor_, &level_, &since_, &given_, &mu_low, &mu_high, &mu, &slipping})
+        for (double** part : {&since_, &given_, &mu_low, &mu_high, &mu, &slipping})
             *part = memory_.part<double>(k_);
         torques = memory_.part<double>(n_);
         holding_ = memory_.copy(setup.bias.data(), n_);
+        for (int i = 0; i < k_; ++i)
+            if (setup.planned[3 * i + 2] > 0.0) largest_ = min(largest_, setup.most[i] / setup.planned[3 * i + 2]);
         for (int j = 0; j < n_; ++j)
             for (int c = 0; c < 3 * k_; ++c) holding_[j] += setup.joint_map[j * 3 * k_ + c] * setup.planned[c];
         reset();
@@ -204,11 +207,12 @@ public:
         std::copy_n(setup_.planned.data(), 3 * k_, lagging_);
         std::fill_n(more_, 3 * k_, 0.0);
         for (int i = 0; i < k_; ++i) {
-            floor_[i] = min(max(setup_.planned[3 * i + 2], 0.0), setup_.most[i]);
-            level_[i] = since_[i] = slipping[i] = mu_low[i] = 0.0;
+            since_[i] = slipping[i] = mu_low[i] = 0.0;
             mu_high[i] = given_[i] = infinity;
             mu[i] = setup_.mu[i];
         }
+        floor_ = 1.0;
+        level_ = 0.0;
         std::fill_n(stamps_, feelings, -infinity);
         std::fill_n(spreads_, feelings, 1.0);
         std::copy_n(setup_.load, 6, wrench_);
@@ -238,14 +242,15 @@ private:
     GripSetup setup_;
     int k_, n_;
     Memory memory_;
-    double* floor_ = nullptr;    // F_n is no less (k) [N]
-    double* level_ = nullptr;    // under which it slipped, with a margin, where friction is not felt (k) [N]
     double* since_ = nullptr;    // how long contacts have slipped (k) [s]
     double* more_ = nullptr;     // internal forces that make up for what drives and servos do else (k, 3) [N]
     double* lagging_ = nullptr;  // wanted, as late as it is felt (k, 3) [N]
     double* given_ = nullptr;    // friction of contacts that slip (k)
     double* work_ = nullptr;
     double* holding_ = nullptr;  // torques of the planned forces (n) [N m or N]
+    double largest_ = infinity;  // times the planned squeeze, at which the first contact is at its cap
+    double floor_ = 1.0;  // times the planned F_n, which are no less
+    double level_ = 0.0;  // times the planned ones under which it slipped, with a margin, where friction is not felt
     double stamps_[feelings], spreads_[feelings] = {}, wrench_[6], acceleration_[3];
     double now_ = -infinity, fresh_ = -infinity, begun_ = -infinity, slipped_ = -infinity, jumped_ = -infinity;
 
@@ -310,6 +315,7 @@ private:
     void learn_friction(double dt) {
         const double doubt = 3.0 * setup_.noise * std::sqrt(2.0 * spread());
         const bool felt_vectors = tells_vectors();
+        double slipped = 0.0, share_of = 0.0;
         for (int i = 0; i < k_; ++i) {
             const double normal = felt[3 * i + 2];
             if (felt_vectors && normal > firm) {
@@ -322,8 +328,15 @@ private:
                 }
             }
             mu_high[i] = max(mu_high[i], mu_low[i]);
-            mu[i] = max(min(mu_low[i], setup_.mu[i]), min(setup_.mu[i], given_[i]));
+            if (std::isfinite(given_[i]) && setup_.mu[i] > 0.0) {
+                slipped += max(normal, firm);
+                share_of += max(normal, firm) * given_[i] / setup_.mu[i];
+            }
         }
+        // What slips tells of the others' material, too.
+        const double all = slipped > 0.0 ? share_of / slipped : 1.0;
+        for (int i = 0; i < k_; ++i)
+            mu[i] = min(setup_.mu[i], max(mu_low[i], std::isfinite(given_[i]) ? given_[i] : all * setup_.mu[i]));
     }
 
     bool slips_long(int i) const { return slipping[i] > 0.0 && since_[i] > sustained; }
@@ -341,68 +354,70 @@ private:
         if (now_ - jumped_ <= lag() + sustained) return;  // the last jump is not felt yet
         jumped_ = now_;
         ++reflexes;
-        const bool vectors = tells_vectors();
+        double sum = 0.0, planned = 0.0;
         for (int i = 0; i < k_; ++i) {
-            const double normal = tells_normals() ? max(felt[3 * i + 2], 0.0) : forces[3 * i + 2];
-            if (!vectors) level_[i] = max(level_[i], setup_.margin * normal);
-            floor_[i] = max(floor_[i], setup_.jump * normal);
+            sum += forces[3 * i + 2];
+            planned += setup_.planned[3 * i + 2];
         }
+        const double times = planned > 0.0 ? sum / planned : 1.0;
+        if (!tells_vectors()) level_ = max(level_, setup_.margin * times);
+        floor_ = max(floor_, setup_.jump * times);
     }
 
-    // The least F_n: falls slowly to the share of the planned squeeze that stays.
+    // The least squeeze: falls slowly to the share of the planned one that stays.
     void set_floor(double dt) {
         const bool told = std::isfinite(load_bound) && tells_slips();
         if (is_settled() && !blind && now_ - slipped_ > setup_.calm + setup_.latency) {
-            const double share = std::exp(-dt / setup_.release);
-            for (int i = 0; i < k_; ++i) floor_[i] *= share;
+            floor_ *= std::exp(-dt / setup_.release);
         }
+        double squeeze = 0.0, needed = 0.0;
+        for (int i = 0; i < k_; ++i) {
+            const double normal = max(setup_.planned[3 * i + 2], 0.0);
+            squeeze += normal;
+            needed += normal * setup_.mu[i] / max(mu[i], 0.05);
+        }
+        const double slippery = squeeze > 0.0 ? needed / squeeze : 1.0;
+        double least = slippery;  // as long as the load is not all in the hand
         if (is_settled()) {
             const double planned = std::sqrt(dot3(setup_.load, setup_.load));
-            const double times = planned > 0.0 ? std::sqrt(dot3(load, load)) / planned : 1.0;
-            for (int i = 0; i < k_; ++i) {
-                const double more = min(most_times, times * setup_.mu[i] / max(mu[i], 0.05));
-                const double kept = told ? setup_.kept * more : setup_.unfelt * max(1.0, more);
-                floor_[i] = max(max(floor_[i], level_[i]), kept * max(setup_.planned[3 * i + 2], 0.0));
-            }
+            const double more = slippery * (planned > 0.0 ? std::sqrt(dot3(load, load)) / planned : 1.0);
+            least = told ? setup_.kept * min(most_times, more) : setup_.unfelt * max(1.0, min(most_times, more));
         }
-        for (int i = 0; i < k_; ++i) floor_[i] = min(floor_[i], setup_.most[i]);
+        floor_ = min(max(max(floor_, level_), least), largest_);
     }
 
     // The wanted forces: those for the load, or, where none hold it with that friction and that squeeze, the planned
     // ones as many times as the squeeze is.
     Tick solve() {
-        double times = 1.0, most = infinity;
         for (int i = 0; i < k_; ++i) {
             online_.mu[i] = mu[i] / setup_.margin;
             online_.largest[i] = setup_.most[i];
-            online_.least[i] = floor_[i];
-            const double planned = setup_.planned[3 * i + 2];
-            if (!(planned > 0.0)) continue;
-            times = max(times, floor_[i] / planned);
-            most = min(most, setup_.most[i] / planned);
+            online_.least[i] = min(floor_ * max(setup_.planned[3 * i + 2], 0.0), setup_.most[i]);
         }
         online_.moved = true;
         std::copy_n(load, 6, online_.wrench);
         const Tick found = online_.tick();
         for (int c = 0; c < 3 * k_; ++c)
-            wanted[c] = found == Tick::converged ? online_.forces[c] : min(times, most) * setup_.planned[c];
+            wanted[c] = found == Tick::converged ? online_.forces[c] : max(1.0, floor_) * setup_.planned[c];
         return found;
     }
 
-    // What is felt too much is taken off, slowly; given back at once where more is wanted.
+    // What is felt too much is taken off, and what is felt too little added, slowly; what was taken off is given back
+    // at once where more is wanted.
     void follow(double dt, bool feasible) {
         const double share = 1.0 - std::exp(-dt / lag());
-        double sum = 0.0, late = 0.0, seen = 0.0;
+        double sum = 0.0, late = 0.0, seen = 0.0, taken = 0.0;
         for (int i = 0; i < k_; ++i) {
             for (int c = 3 * i; c < 3 * i + 3; ++c) lagging_[c] += share * (wanted[c] - lagging_[c]);
             sum += wanted[3 * i + 2];
             late += lagging_[3 * i + 2];
             seen += felt[3 * i + 2];
+            taken += more_[3 * i + 2];
         }
-        if (now_ == slipped_ || sum > rising * late) {
+        if (taken < 0.0 && (now_ == slipped_ || sum > rising * late)) {
             const double left = std::exp(-dt / dropping);
             for (int c = 0; c < 3 * k_; ++c) more_[c] *= left;
-        } else if (feasible && !blind && tells_normals() && is_settled() && late < seen) {
+        } else if (feasible && !blind && tells_normals() && is_settled()) {
             const bool vectors = tells_vectors();
             for (int c = 0; c < 3 * k_; ++c) work_[c] = vectors || c % 3 == 2 ? lagging_[c] - felt[c] : 0.0;
             for (int r = 0; r < 3 * k_; ++r) more_[r] += relaxing / lag() * dt * project(r, work_);
@@ -420,26 +435,22 @@ private:
         return found;
     }
 
-    // Planned forces and internal ones besides, no more than caps and torque limits allow; their torques.
+    // Planned forces and internal ones besides, no more than caps allow; their torques, within their limits.
     void command() {
         const double* planned = setup_.planned.data();
         for (int c = 0; c < 3 * k_; ++c) work_[c] = wanted[c] + more_[c] - planned[c];
         double share = 1.0;
-        const auto keep = [&share](double least, double now, double change, double most) {
-            if (change > 0.0 && now + share * change > most) share = max(0.0, most - now) / change;
-            if (change < 0.0 && now + share * change < least) share = max(0.0, now - least) / -change;
-        };
         for (int r = 0; r < 3 * k_; ++r) {
             forces[r] = project(r, work_);
-            if (r % 3 == 2) keep(-infinity, planned[r], forces[r], setup_.most[r / 3]);
+            if (r % 3 == 2 && planned[r] + share * forces[r] > setup_.most[r / 3] && forces[r] > 0.0)
+                share = max(0.0, setup_.most[r / 3] - planned[r]) / forces[r];
         }
         for (int j = 0; j < n_; ++j) {
-            torques[j] = 0.0;  // their change, until the share is known
-            for (int c = 0; c < 3 * k_; ++c) torques[j] += setup_.joint_map[j * 3 * k_ + c] * forces[c];
-            keep(-setup_.torque_limit[j], holding_[j], torques[j], setup_.torque_limit[j]);
+            double change = 0.0;
+            for (int c = 0; c < 3 * k_; ++c) change += setup_.joint_map[j * 3 * k_ + c] * forces[c];
+            // A motor at its limit keeps no other from more.
+            torques[j] = min(max(holding_[j] + share * change, -setup_.torque_limit[j]), setup_.torque_limit[j]);
         }
-        for (int j = 0; j < n_; ++j)
-            torques[j] = min(max(holding_[j] + share * torques[j], -setup_.torque_limit[j]), setup_.torque_limit[j]);
         for (int r = 0; r < 3 * k_; ++r) forces[r] = planned[r] + share * forces[r];
     }
 
