@@ -198,8 +198,8 @@ class GripController:
         return blind
 
     def find_least_squeeze(self) -> float:
-        """Sum of the normal forces that the felt load asks for with the believed friction, without a margin, by forces of
-        least squares [N]; infinity: none hold it within the caps. Solved when it is asked for, not at every tick.
+        """Sum of the normal forces that the felt load asks for with the believed friction, without a margin, by forces
+        of least squares [N]; infinity: none hold it within the caps. Solved when it is asked for, not at every tick.
         """
         forces, _, status = self._bare.step(self.load, mu=self.mu)
         return float(forces[:, 2].sum()) if status is Status.OK else np.inf
