@@ -17,6 +17,7 @@ _FIELDS = (
     *("components", "round", "torsion", "arm", "safety", "ramp", "most_rate", "most_steps", "joints", "couplings"),
     "borne",
 )
+_ON_LINKS = ("link_points", "link_normals")  # contacts in the frames of their links, for taxels
 _ARRAYS = ("com", "points", "rotations", "mu", "least", "largest", "torque_limit", "jacobian", "gravity", "load")
 _INPUTS = ("points", "rotations", "mu", "least", "largest", "torque_limit", "com")
 
@@ -25,7 +26,8 @@ def write_core(constants: Mapping[str, Any], path: str | Path) -> Path:
     """Write what :meth:`pinograsp.motion.OnlineForces.constants` gives; returns the path.
 
     Args:
-        constants: of a loop.
+        constants: of a loop; ``contact_links`` (k,), ``link_points`` (k, 3) [m] and ``link_normals`` (k, 3) besides say
+            where on the links its contacts are.
         path: ``.hpp``: a header with the constants, and with functions that set up the loop; ``.json``: the constants
             alone, ``null`` where there is no limit. Existing files are replaced.
 
@@ -71,7 +73,9 @@ def _number(value: float) -> str:
 def _header(constants: Mapping[str, Any], name: str) -> str:
     space = "".join(letter if letter.isalnum() else "_" for letter in name)
     space = f"grasp_{space}" if space[0].isdigit() else space
-    texts = {key: ", ".join(json.dumps(one) for one in constants[key]) for key in ("contact_names", "joint_names")}
+    named = {"contact_links": []} | dict(constants)
+    names = ("contact_names", "contact_links", "joint_names")
+    texts = {key: ", ".join(json.dumps(one) for one in named[key]) for key in names}
     lines = [
         f"// A grasp for pinograsp::core::Online, made by pinograsp {version('pinograsp')}.",
         "// Positions in metres, world axes; forces in newtons, the load about the centre of mass.",
@@ -87,10 +91,12 @@ def _header(constants: Mapping[str, Any], name: str) -> str:
         f"constexpr int contacts = {constants['contacts']}, joints = {constants['joints']};",
         f"constexpr double period = {constants['period']!r};  // [s]",
     ]
+    if texts["contact_links"]:
+        lines.append("// Where the contacts are, link_points and link_normals in the frames of contact_links.")
     for key, text in texts.items():
         if text:
             lines.append(f"constexpr const char* {key}[] = {{{text}}};")
-    arrays = [key for key in _ARRAYS if list(_flat(constants.get(key, [])))]
+    arrays = [key for key in (*_ARRAYS, *_ON_LINKS) if list(_flat(constants.get(key, [])))]
     for key in arrays:
         lines.append(f"constexpr double {key}[] = {{{', '.join(_number(float(v)) for v in _flat(constants[key]))}}};")
     lines += ["", "// A loop of its own, ready for the first tick.", "inline auto make_loop() {"]

@@ -8,6 +8,7 @@ from pinograsp.identification.motion import DriveFit, IdentifiedMotion, apply_fi
 from pinograsp.identification.motion_log import MotionLog, read_motion
 from pinograsp.identification.servos import Motor, identify_servo_stiffness, read_bam, read_duty
 from pinograsp.identification.slips import identify_friction
+from pinograsp.identification.taxels import identify_taxel
 
 __all__ = [
     "ContactFit",
@@ -24,6 +25,7 @@ __all__ = [
     "identify_load",
     "identify_motion",
     "identify_servo_stiffness",
+    "identify_taxel",
     "read_bam",
     "read_duty",
     "read_log",

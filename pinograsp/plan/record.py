@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from pinograsp.checks import brief
+from pinograsp.checks import brief, read_only
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.hands.model import HandModel
 from pinograsp.objects.body import Body
@@ -19,6 +19,7 @@ from pinograsp.plan.parts import (
     ComparisonRow,
     ContactLaw,
     Layout,
+    LinkContacts,
     Measure,
     PlanContacts,
     PlanForces,
@@ -175,6 +176,25 @@ class PlanRecord:
             )
         return self.hand
 
+    @property
+    def contacts_on_links(self) -> LinkContacts | None:
+        """Where on its links the hand is to touch, and how hard; None where the hand was not kept, or the contacts were
+        made without one.
+        """
+        hand, contacts, motion = self.hand, self.contacts, self.motion
+        if hand is None or not contacts.links or not all(contacts.links):
+            return None
+        # At the impact: afterwards the rigid links of the model go on by the depth to which the contacts give way.
+        links_o = hand.frame_placements(motion.q[motion.impact], contacts.links)
+        to_link = links_o[:, :3, :3].swapaxes(1, 2)
+        return LinkContacts(
+            names=contacts.names,
+            links=contacts.links,
+            points_l=read_only(np.einsum("kij,kj->ki", to_link, contacts.points_o - links_o[:, :3, 3])),
+            normals_l=read_only(np.einsum("kij,kj->ki", to_link, contacts.rotations_oc[:, :, 2])),
+            normal_forces=read_only(self.forces.normal_forces),
+        )
+
     def require_margins(self) -> PlanMargins:
         """The margins, or :class:`InvalidInput` where they were not computed."""
         if self.margins is None:
@@ -233,6 +253,7 @@ class PlanRecord:
             "tolerance": None if self.tolerance is None else self.tolerance.summary(),
             "closing": None if self.closing is None else dict(self.closing),
             "hand_in_object": None if (placed := self.hand_in_object) is None else placed.tolist(),
+            "contacts_on_links": None if (places := self.contacts_on_links) is None else places.summary(),
             "comparison": [row.summary() for row in self.comparison],
             "cautions": list(self.cautions),
             "notes": list(self.notes),

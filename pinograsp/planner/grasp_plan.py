@@ -254,7 +254,8 @@ class GraspPlan(PlanRecord):
         """Write the grasp for a controller in C++: the constants of its loop at the end of the motion.
 
         A header (.hpp) with functions that set up ``pinograsp::core::Online``, or the constants alone (.json); see
-        ``examples/cpp``. The joints' limits are those of the plan.
+        ``examples/cpp``. The joints' limits are those of the plan; where on the links the contacts are
+        (``contacts_on_links``) stands beside them.
 
         Args:
             path: an existing file is replaced.
@@ -270,7 +271,14 @@ class GraspPlan(PlanRecord):
         problem, q = self.solution.problem, self.motion.q[-1]
         if problem.torques is None:
             problem = replace(problem, torques=torque_limits(self.hand, problem.contacts, q, limit=self.torque_limit))
-        return write_core(OnlineForces(problem, hand=self.hand, q=q, **settings).constants(), path)
+        constants = OnlineForces(problem, hand=self.hand, q=q, **settings).constants()
+        if (places := self.contacts_on_links) is not None:
+            constants |= {
+                "contact_links": list(places.links),
+                "link_points": places.points_l.tolist(),
+                "link_normals": places.normals_l.tolist(),
+            }
+        return write_core(constants, path)
 
     def grip_controller(self, **settings: Unpack[GripSettings]) -> GripController:
         """The controller that holds what was grasped: its squeeze follows what is felt, tick by tick.

@@ -91,17 +91,20 @@ def report_failure(failure: PlanFailure) -> Report:
 
 def _contacts(plan: PlanRecord) -> Section:
     forces = plan.forces
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (name, format_fixed(f[2], 3), format_fixed(f[0], 3), format_fixed(f[1], 3), format_fixed(slowed, 3))
         for name, f, slowed in zip(plan.contacts.names, forces.forces_c, forces.acceleration)
     ]
-    return Section(
-        title="Contact forces at t_F",
-        columns=("contact", "F_n [N]", "f_x [N]", "f_y [N]", "A [m/s2]"),
-        rows=rows,
-        remark="F_n presses into the object; f_x points against gravity in the tangent plane, f_y completes the "
-        "contact's frame. Forces act on the object. A is the deceleration after the impact.",
+    columns: tuple[str, ...] = ("contact", "F_n [N]", "f_x [N]", "f_y [N]", "A [m/s2]")
+    remark = (
+        "F_n presses into the object; f_x points against gravity in the tangent plane, f_y completes the "
+        "contact's frame. Forces act on the object. A is the deceleration after the impact."
     )
+    if (places := plan.contacts_on_links) is not None:
+        at = [", ".join(format_fixed(1e3 * value, 1) for value in point) for point in places.points_l.tolist()]
+        rows = [(*row, link, place) for row, link, place in zip(rows, places.links, at)]
+        columns, remark = (*columns, "link", "place on it [mm]"), f"{remark} Places are in the links' own frames."
+    return Section(title="Contact forces at t_F", columns=columns, rows=rows, remark=remark)
 
 
 def _torques(plan: PlanRecord) -> Section:
