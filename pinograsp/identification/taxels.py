@@ -50,27 +50,28 @@ def identify_taxel(raw: ArrayLike, forces: ArrayLike, *, valid: tuple[float, flo
             f"forces: expected presses that begin at rest, 0 N, got {pressed.min():.4g} to {most:.4g} N: take off what "
             "the load cell says at rest, and log before and after each press"
         )
-    along = float(np.nan_to_num(spearmanr(counts, pressed).statistic))
+    along = float(spearmanr(counts, pressed).statistic) if np.ptp(counts) > 0 else 0.0
     sign = 1.0 if along > 0 else -1.0
     x = sign * counts  # grows with the force
     rest = float(np.median(x[resting]))
     noise = 1.4826 * float(np.median(np.abs(x[resting] - rest)))
     span = float(x.max()) - rest
-    least = max(noise, _FINEST * span)
+    least = max(2 * noise, _FINEST * span)
     step = np.where(resting, -1, np.minimum((_STEPS * pressed / most).astype(int), _STEPS - 1))
     knots, last = [rest], -1
     for i in range(_STEPS):
         if (step == i).sum() >= _FEWEST and (middle := float(np.median(x[step == i]))) > knots[-1] + least:
             knots.append(middle)
             last = i
+    saturated = step.max() - last >= _STILL
+    if saturated:  # where counts of any larger force begin
+        end = float(np.median(x[step > last])) - 3 * noise
+        knots = [*(knot for knot in knots if knot < end - least), end]
     if len(knots) < 3 or abs(along) < _FOLLOWS:
         raise InvalidInput(
             f"raw: expected counts that follow the force, got some whose rank correlation with it is {along:.2g}: are "
             "both of the same time, and of the taxel that was pressed?"
         )
-    saturated = step.max() - last >= _STILL
-    if saturated:  # counts at the end of the curve may be of any larger force
-        knots[-1] = max(knots[-1] - 3 * noise, (knots[-2] + knots[-1]) / 2)
     k = np.array(knots)
     told = x <= k[-1] if saturated else np.ones(len(x), dtype=bool)
     rises, _ = nnls(np.clip((x[told, None] - k[:-1]) / np.diff(k), 0.0, 1.0), pressed[told])
