@@ -8,7 +8,7 @@ from pinograsp.identification.motion import DriveFit, IdentifiedMotion, apply_fi
 from pinograsp.identification.motion_log import MotionLog, read_motion
 from pinograsp.identification.servos import Motor, identify_servo_stiffness, read_bam, read_duty
 from pinograsp.identification.slips import identify_friction
-from pinograsp.identification.taxels import identify_taxel
+from pinograsp.identification.taxels import find_lag, identify_taxel
 
 __all__ = [
     "ContactFit",
@@ -20,6 +20,7 @@ __all__ = [
     "MotionLog",
     "Motor",
     "apply_fits",
+    "find_lag",
     "identify_closings",
     "identify_friction",
     "identify_load",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pinograsp.errors import InvalidInput
-from pinograsp.identification import identify_taxel
+from pinograsp.identification import find_lag, identify_taxel
 
 CURVES = {
     "resistive, falls": (lambda f: 5000 / (1 + f), 1.0, -1),
@@ -56,6 +56,20 @@ def test_hysteresis_is_found():
         # Largest as the fall begins; knots see it over the width of a step.
         assert found.hysteresis == pytest.approx(share * most, abs=(0.35 * share + 0.01) * most)
         assert found.noise.max() >= 0.3 * found.hysteresis
+
+
+@pytest.mark.parametrize("lag", [-7, 0, 4])
+def test_a_lag_is_found_and_taken_out(lag):
+    curve, most, _ = CURVES["magnetic, rises"]
+    for end in (np.inf, 1200.0):  # saturated at 3.5 N
+        raw, forces = press(lambda f, end=end: np.minimum(curve(f), end), most, noise=8.0, seed=5)
+        late = np.roll(forces, lag)
+        assert find_lag(raw, late, most=10) == lag
+        apart, aligned = (identify_taxel(raw, late, lag=one) for one in (0, lag))
+        assert aligned.hysteresis < 0.03 * most
+        assert lag == 0 or apart.hysteresis > 3 * aligned.hysteresis
+    with pytest.raises(InvalidInput, match="most"):
+        find_lag(raw[:30], late[:30], most=10)
 
 
 def test_a_saturated_taxel_tells_the_least_that_presses():
