@@ -91,7 +91,7 @@ class TaxelCalibration:
         if self.hysteresis is not None:
             object.__setattr__(self, "hysteresis", number("hysteresis", self.hysteresis, at_least=0, unit="N"))
         for name, value in (("counts", counts), ("forces", forces), ("noise", noise), ("valid", (low, high))):
-            object.__setattr__(self, name, read_only(value) if isinstance(value, np.ndarray) else value)
+            object.__setattr__(self, name, value)
 
     def measure(self, raw: ArrayLike) -> TaxelForces:
         """What raw counts of any shape say, NaN among them.
@@ -134,7 +134,7 @@ class TaxelArray:
         points_l: of the taxels, in the link's frame (t, 3) [m].
         normals_l: out of the link (t, 3), of any length.
         calibration: of all taxels, or one for each.
-        most_dead: share of its taxels that may be dead, those left out of its force [-].
+        most_dead: share of its taxels that may be dead [-]: they are left out. Where more are, no force is told.
 
     Raises:
         InvalidInput: for arrays that do not go together, and normals of no length.
@@ -244,7 +244,7 @@ class ContactTaxels:
     Attributes:
         contacts: where they are on their links: ``plan.contacts_on_links``.
         arrays: of taxels; several may be on one link.
-        reach: a contact has to have taxels that face its way and are no farther [m]: others do not feel it.
+        reach: a contact is felt if it has taxels no farther than that [m] that face its way.
         most_dead: share of these that may be dead [-]; where more are, the contact is not felt.
         felt: which contacts have such taxels (k,).
 
