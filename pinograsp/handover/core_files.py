@@ -1,4 +1,4 @@
-"""A grasp for a controller in C++: the constants of its loop, as a header or as JSON."""
+"""A grasp for a controller in C++: the constants of its loop, and of a grip on it, as a header or as JSON."""
 
 from __future__ import annotations
 
@@ -18,18 +18,22 @@ _FIELDS = (
     "borne",
 )
 _ON_LINKS = ("link_points", "link_normals")  # contacts in the frames of their links, for taxels
-_ARRAYS = ("com", "points", "rotations", "mu", "least", "largest", "torque_limit", "jacobian", "gravity", "load")
+_ARRAYS = (
+    *("com", "points", "rotations", "mu", "least", "largest", "torque_limit", "jacobian", "gravity", "posture"),
+    "load",
+)
 _INPUTS = ("points", "rotations", "mu", "least", "largest", "torque_limit", "com")
 
 
 def write_core(constants: Mapping[str, Any], path: str | Path) -> Path:
-    """Write what :meth:`pinograsp.motion.OnlineForces.constants` gives; returns the path.
+    """Write what :meth:`pinograsp.motion.OnlineForces.constants` or
+    :meth:`pinograsp.reflex.GripController.constants` gives; returns the path.
 
     Args:
-        constants: of a loop; ``contact_links`` (k,), ``link_points`` (k, 3) [m] and ``link_normals`` (k, 3) besides say
-            where on the links its contacts are.
-        path: ``.hpp``: a header with the constants, and with functions that set up the loop; ``.json``: the constants
-            alone, ``null`` where there is no limit. Existing files are replaced.
+        constants: of a loop, or of a grip, which has its loop's under ``loop``; ``contact_links`` (k,), ``link_points``
+            (k, 3) [m] and ``link_normals`` (k, 3) among those of the loop say where on the links its contacts are.
+        path: ``.hpp``: a header with the constants, and with functions that set up the loop and the grip; ``.json``:
+            the constants alone, ``null`` where there is no limit. Existing files are replaced.
 
     Raises:
         InvalidInput: another suffix, or constants of something else. ResultsNotWritten.
@@ -42,7 +46,8 @@ def write_core(constants: Mapping[str, Any], path: str | Path) -> Path:
         header, plain = _header(constants, path.stem), _json(constants)
     except (LookupError, TypeError, ValueError) as error:
         raise InvalidInput(
-            f"constants: expected those of a loop, OnlineForces.constants(), got others ({one_line(error)})"
+            f"constants: expected those of a loop or a grip, OnlineForces.constants() or GripController.constants(), "
+            f"got others ({one_line(error)})"
         ) from error
     text = header if path.suffix == ".hpp" else plain
     return write_file(path, text.encode())
@@ -52,10 +57,11 @@ def _json(constants: Mapping[str, Any]) -> str:
     def finite(value: Any) -> Any:
         if isinstance(value, list):
             return [finite(one) for one in value]
+        if isinstance(value, Mapping):
+            return {name: finite(one) for name, one in value.items()}
         return None if isinstance(value, float) and math.isinf(value) else value
 
-    named = {"pinograsp": version("pinograsp")} | {name: finite(one) for name, one in constants.items()}
-    return json.dumps(named, indent=1) + "\n"
+    return json.dumps({"pinograsp": version("pinograsp")} | finite(constants), indent=1) + "\n"
 
 
 def _flat(values: Any) -> Iterable[Any]:
@@ -70,21 +76,27 @@ def _number(value: float) -> str:
     return "pinograsp::core::infinity" if math.isinf(value) else repr(value)
 
 
+def _list(values: Any) -> str:
+    return ", ".join(_number(float(one)) for one in _flat(values))
+
+
 def _header(constants: Mapping[str, Any], name: str) -> str:
+    grip = constants if "loop" in constants else None
+    constants = constants if grip is None else constants["loop"]
     space = "".join(letter if letter.isalnum() else "_" for letter in name)
     space = f"grasp_{space}" if space[0].isdigit() else space
     named = {"contact_links": []} | dict(constants)
     names = ("contact_names", "contact_links", "joint_names")
     texts = {key: ", ".join(json.dumps(one) for one in named[key]) for key in names}
     lines = [
-        f"// A grasp for pinograsp::core::Online, made by pinograsp {version('pinograsp')}.",
+        f"// A grasp for pinograsp::core::{'Online' if grip is None else 'Grip'}, made by pinograsp {version('pinograsp')}.",
         "// Positions in metres, world axes; forces in newtons, the load about the centre of mass.",
         "#pragma once",
         "",
         "#include <algorithm>",
         "#include <memory>",
         "",
-        "#include <pinograsp/core/online.hpp>",
+        f"#include <pinograsp/core/{'online' if grip is None else 'grip'}.hpp>",
         "",
         f"namespace {space} {{",
         "",
@@ -98,7 +110,7 @@ def _header(constants: Mapping[str, Any], name: str) -> str:
             lines.append(f"constexpr const char* {key}[] = {{{text}}};")
     arrays = [key for key in (*_ARRAYS, *_ON_LINKS) if list(_flat(constants.get(key, [])))]
     for key in arrays:
-        lines.append(f"constexpr double {key}[] = {{{', '.join(_number(float(v)) for v in _flat(constants[key]))}}};")
+        lines.append(f"constexpr double {key}[] = {{{_list(constants[key])}}};")
     lines += ["", "// A loop of its own, ready for the first tick.", "inline auto make_loop() {"]
     lines += ["    pinograsp::core::OnlineSetup setup;", "    setup.contacts = contacts;"]
     lines += [f"    setup.{key} = {_number(constants[key])};" for key in _FIELDS]
@@ -107,12 +119,28 @@ def _header(constants: Mapping[str, Any], name: str) -> str:
     lines.append(f"    setup.links = {{{links}}};")
     lines.append(f"    setup.limited = {{{', '.join(map(str, constants['limited']))}}};")
     for key in ("coupling_rows", "coupled"):
-        lines.append(f"    setup.{key} = {{{', '.join(_number(float(v)) for v in _flat(constants[key]))}}};")
+        lines.append(f"    setup.{key} = {{{_list(constants[key])}}};")
     lines.append(f"    setup.stops = {{{', '.join(map(str, constants['stops']))}}};")
     lines.append("    auto loop = pinograsp::core::make_online(setup);")
     for key in _INPUTS:
         if key in arrays:
             lines.append(f"    std::copy(std::begin({key}), std::end({key}), loop->{key});")
     lines += [f"    loop->{key} = {key};" for key in ("jacobian", "gravity") if key in arrays]
-    lines += ["    return loop;", "}", "", f"}}  // namespace {space}", ""]
-    return "\n".join(lines)
+    lines += ["    return loop;", "}", ""]
+    if grip is not None:
+        lines += _make_grip(grip)
+    return "\n".join([*lines, f"}}  // namespace {space}", ""])
+
+
+def _make_grip(constants: Mapping[str, Any]) -> list[str]:
+    """The function that sets up a grip."""
+    lines = ["// A squeeze that follows what is felt, on such a loop, which has to stay as long."]
+    lines += ["inline auto make_grip(pinograsp::core::Online& loop) {", "    pinograsp::core::GripSetup setup;"]
+    for key, value in constants.items():
+        if key in ("gravity", "load"):  # arrays there, all others are vectors
+            lines += [f"    setup.{key}[{i}] = {one!r};" for i, one in enumerate(value)]
+        elif isinstance(value, list):
+            lines.append(f"    setup.{key} = {{{_list(value)}}};")
+        elif key != "loop":
+            lines.append(f"    setup.{key} = {json.dumps(value) if isinstance(value, bool) else _number(value)};")
+    return [*lines, "    return std::make_unique<pinograsp::core::Grip>(loop, setup);", "}", ""]

@@ -191,13 +191,13 @@ class OnlineForces:
         """All that the loop was set up with, and where it is now, as plain values: for controllers in C++.
 
         Keys are those of ``pinograsp::core::OnlineSetup`` and ``Online`` (``pinograsp/core/online.hpp``), and
-        ``contact_names``, ``joint_names``, ``period`` [s] and the problem's ``load`` (6,).
+        ``contact_names``, ``joint_names``, the hand's ``posture`` (n,), ``period`` [s] and the problem's ``load`` (6,).
         """
         loop, hand = self._loop, self.hand
         state = {name: getattr(loop, name) for name in ("com", "points", "mu", "least", "largest", "torque_limit")}
         state["rotations"] = loop.rotations
         if hand is not None:
-            state |= {"jacobian": self._data.J.T, "gravity": self._gravity}
+            state |= {"jacobian": self._data.J.T, "gravity": self._gravity, "posture": self._posture}
         names = {"contact_names": list(self.names), "joint_names": [] if hand is None else list(hand.joint_names)}
         plain = {name: np.asarray(one).tolist() for name, one in (self._setup | state).items()}
         return names | {"period": self.period, "load": self.problem.load.tolist()} | plain

@@ -250,35 +250,56 @@ class GraspPlan(PlanRecord):
         trajectory = make_commands(self, None, **commanding)
         return trajectory.to_mujoco(path, model=model, qpos=qpos, feed_forward=feed_forward, prefix=prefix)
 
-    def to_core(self, path: str | Path, **settings: Unpack[LoopSettings]) -> Path:
+    def to_core(
+        self, path: str | Path, *, grip: GripController | None = None, **settings: Unpack[LoopSettings]
+    ) -> Path:
         """Write the grasp for a controller in C++: the constants of its loop at the end of the motion.
 
-        A header (.hpp) with functions that set up ``pinograsp::core::Online``, or the constants alone (.json); see
-        ``examples/cpp``. The joints' limits are those of the plan; where on the links the contacts are
-        (``contacts_on_links``) stands beside them.
+        A header (.hpp) with functions that set up ``pinograsp::core::Online``, and ``pinograsp::core::Grip`` on it, or
+        the constants alone (.json); see ``examples/cpp``. The joints' limits are those of the plan; where on the links
+        the contacts are (``contacts_on_links``) stands beside them.
 
         Args:
             path: an existing file is replaced.
-            settings: normal_forces, max_rate, ramp, period, max_steps as for :class:`~pinograsp.motion.OnlineForces`.
+            grip: of :meth:`grip_controller`: the same squeeze that follows what is felt, in C++; None: the loop alone.
+            settings: without a grip, which has its own: normal_forces, max_rate, ramp, period, max_steps as for
+                :class:`~pinograsp.motion.OnlineForces`.
 
         Raises:
-            InvalidInput: another suffix, unusable settings, or friction of other pyramids
+            InvalidInput: another suffix, unusable settings, a grip of another plan, or friction of other pyramids
                 than those of four edges. ResultsNotWritten.
         """
         path = path_of("path", path)
+        constants = self._constants_of_loop(settings) if grip is None else self._constants_of(grip, settings)
+        if (places := self.contacts_on_links) is not None:
+            constants.get("loop", constants).update(
+                contact_links=list(places.links),
+                link_points=places.points_l.tolist(),
+                link_normals=places.normals_l.tolist(),
+            )
+        return write_core(constants, path)
+
+    def _constants_of_loop(self, settings: LoopSettings) -> dict[str, Any]:
         for name in settings:
             one_of("setting of to_core", name, LoopSettings.__annotations__)
         problem, q = self.solution.problem, self.motion.q[-1]
         if problem.torques is None:
             problem = replace(problem, torques=torque_limits(self.hand, problem.contacts, q, limit=self.torque_limit))
-        constants = OnlineForces(problem, hand=self.hand, q=q, **settings).constants()
-        if (places := self.contacts_on_links) is not None:
-            constants |= {
-                "contact_links": list(places.links),
-                "link_points": places.points_l.tolist(),
-                "link_normals": places.normals_l.tolist(),
-            }
-        return write_core(constants, path)
+        return OnlineForces(problem, hand=self.hand, q=q, **settings).constants()
+
+    def _constants_of(self, grip: GripController, settings: LoopSettings) -> dict[str, Any]:
+        if settings:
+            names = ", ".join(settings)
+            raise InvalidInput(f"to_core: expected no settings beside a grip, which has its own, got {names}")
+        constants = instance_of("grip", grip, GripController).constants()
+        if not np.array_equal(constants["planned"], self._planned_forces()):
+            raise InvalidInput("to_core: expected a grip of this plan, plan.grip_controller(), got one of another")
+        return constants
+
+    def _planned_forces(self) -> Array:
+        """At the end of the motion, in contact axes (k, 3) [N]."""
+        forces: Array = np.einsum("kji,kj->ki", self.contacts.rotations_oc, self.motion.forces_o[-1])
+        return forces
 
     def grip_controller(self, **settings: Unpack[GripSettings]) -> GripController:
         """The controller that holds what was grasped: its squeeze follows what is felt, tick by tick.
@@ -293,12 +314,11 @@ class GraspPlan(PlanRecord):
         """
         for name in settings:
             one_of("setting of grip_controller", name, GripSettings.__annotations__)
-        rotations, problem = self.contacts.rotations_oc, self.solution.problem
         return GripController(
-            problem,
+            self.solution.problem,
             hand=self.hand,
             q=self.motion.q[-1],
-            forces=np.einsum("kji,kj->ki", rotations, self.motion.forces_o[-1]),
+            forces=self._planned_forces(),
             torques=self.motion.holding_torques,
             torque_limit=self.torque_limit,
             **settings,

@@ -13,6 +13,7 @@ import pinograsp as pg
 from pinograsp.core import get_cmake_dir
 from pinograsp.errors import InvalidInput
 from pinograsp.motion import OnlineForces
+from pinograsp.reflex import Felt, Measured
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPILER = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
@@ -29,6 +30,30 @@ int main() {
         std::printf("%d", static_cast<int>(loop->tick()));
         for (int i = 0; i < 3 * grasp::contacts; ++i) std::printf(" %.17g", loop->forces[i]);
         for (int j = 0; j < grasp::joints; ++j) std::printf(" %.17g", loop->torques[j]);
+        std::printf("\\n");
+    }
+}
+"""
+
+FELT = """
+#include <cstdio>
+#include "held.hpp"
+int main() {
+    auto loop = held::make_loop();
+    auto grip = held::make_grip(*loop);
+    int kinds, kind;
+    for (double now, time, values[64]; std::scanf("%lf %d", &now, &kinds) == 2;) {
+        while (kinds-- > 0 && std::scanf("%d %lf", &kind, &time) == 2) {
+            const auto which = static_cast<pinograsp::core::Feeling>(kind);
+            for (int i = 0; i < grip->size_of(which); ++i)
+                if (std::scanf("%lf", values + i) != 1) return 1;
+            grip->feel(which, values, time);
+        }
+        const auto status = grip->tick(now);
+        std::printf("%d %d %.17g", static_cast<int>(status), grip->reflexes, grip->mass);
+        for (int i = 0; i < 3 * held::contacts; ++i) std::printf(" %.17g", grip->forces[i]);
+        for (int j = 0; j < held::joints; ++j) std::printf(" %.17g", grip->torques[j]);
+        for (int i = 0; i < held::contacts; ++i) std::printf(" %.17g %.17g", grip->mu_low[i], grip->mu_high[i]);
         std::printf("\\n");
     }
 }
@@ -94,6 +119,55 @@ def test_the_same_forces_in_a_program_of_ones_own(plan, tmp_path):
         assert (code == 0) == (status is pg.Status.OK)
         assert numbers[:9] == pytest.approx(forces.ravel(), rel=1e-6, abs=1e-7)
         assert numbers[9:] == pytest.approx(efforts, rel=1e-6, abs=1e-8)
+
+
+def test_a_grip_is_written_with_its_loop(plan, tmp_path):
+    grip = plan.grip_controller(latency=0.02, max_rate=100.0)
+    text = plan.to_core(tmp_path / "held.hpp", grip=grip).read_text()
+    assert "<pinograsp/core/grip.hpp>" in text and "setup.latency = 0.02;" in text and "setup.tells_load = " in text
+    told = json.loads(plan.to_core(tmp_path / "held.json", grip=grip).read_text())
+    assert told["latency"] == 0.02 and told["loop"]["most_rate"] == pytest.approx(0.1)
+    assert told["loop"]["posture"] == plan.motion.q[-1].tolist()
+    with pytest.raises(InvalidInput, match="expected no settings beside a grip, which has its own, got ramp"):
+        plan.to_core(tmp_path / "held.hpp", grip=grip, ramp=0.1)
+    with pytest.raises(InvalidInput, match="expected a GripController"):
+        plan.to_core(tmp_path / "held.hpp", grip=True)
+    other = replace(plan, motion=replace(plan.motion, forces_o=2.0 * plan.motion.forces_o))
+    with pytest.raises(InvalidInput, match="grip of this plan"):
+        other.to_core(tmp_path / "held.hpp", grip=grip)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(COMPILER is None, reason="no C++ compiler")
+def test_the_same_squeeze_in_a_program_of_ones_own(plan, tmp_path, ticks=3000):
+    here = plan.grip_controller(latency=0.02, max_normal_force=40.0)
+    plan.to_core(tmp_path / "held.hpp", grip=here)
+    (tmp_path / "main.cpp").write_text(FELT)
+    command = [COMPILER, "-std=c++17", "-O1", "-Wall", "-Wextra", "-Wno-psabi", "-Werror", f"-I{pg.core.get_include()}"]
+    subprocess.run([*command, "main.cpp", "-o", "main"], cwd=tmp_path, check=True, timeout=300)
+    rng, planned, lines, own = np.random.default_rng(0), here.forces.copy(), [], []
+    for t in range(ticks):
+        now, felt = 1e-3 * t, {}
+        if t % 700 < 600:  # then nothing is measured for a while
+            felt["forces"] = planned * (1 + 0.1 * rng.standard_normal(planned.shape)) * (1.5 if t > 1200 else 1.0)
+            felt["slips"] = np.full(len(planned), float(400 < t % 1000 < 440))
+        if t % 3 == 0:
+            felt["torques"] = plan.motion.holding_torques * rng.uniform(0.8, 1.2)
+        line = f"{now!r} {len(felt)}"
+        for name, values in felt.items():
+            numbers = " ".join(map(repr, np.ravel(values).tolist()))
+            line += f" {('forces', 'normal_forces', 'slips', 'torques').index(name)} {now - 0.01!r} {numbers}"
+        lines.append(line)
+        here.step(Felt(now, **{name: Measured(values, now - 0.01) for name, values in felt.items()}))
+        bounds = np.stack([here.mu_low, here.mu_high], axis=1)
+        state = [here.reflexes, here.object_mass, *here.forces.ravel(), *here.torques, *bounds.ravel()]
+        own.append([here.status is pg.Status.OK, *state])
+    text = "\n".join(lines)
+    told = subprocess.run([tmp_path / "main"], input=text, capture_output=True, text=True, check=True).stdout
+    there = np.array([line.split() for line in told.splitlines()], dtype=float)
+    there[:, 0] = there[:, 0] == 0
+    assert here.reflexes >= 3 and np.isfinite(here.mu_high).all()
+    np.testing.assert_allclose(there, np.array(own), rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.slow
