@@ -15,6 +15,7 @@ from pinograsp import defaults
 from pinograsp.cli import completion
 from pinograsp.cli.disturbance import DisturbanceOptions, read_of_joints
 from pinograsp.cli.options import RunFolder, force_option, new_folder, out_option, read_numbers
+from pinograsp.cli.reflex import Believed, ReflexOptions, make_controller
 from pinograsp.cli.screen import command, needs, show, tell
 from pinograsp.cli.session import Session, option
 from pinograsp.errors import InvalidInput
@@ -113,6 +114,11 @@ class StudyOptions:
         default=False,
     )
 
+    def refuse(self, option: str) -> None:
+        """:class:`InvalidInput` where any were asked for beside an option that they do not have."""
+        if self.monte_carlo or self.pose_errors is not None or self.thresholds or self.what_holds:
+            raise InvalidInput(f"{option}: expected without further trials, which are of the plan's own squeeze")
+
     def read_pose_errors(self) -> tuple[int, Errors] | None:
         """How often the object is misplaced, and by how much; None: never."""
         from pinograsp.plan import PoseError
@@ -152,6 +158,7 @@ def check(
     run: RunFolder,
     differences: DisturbanceOptions,
     trial: TrialOptions,
+    grip: ReflexOptions,
     studies: StudyOptions,
     out: Annotated[Path | None, out_option("RUN/check, RUN/check-2, ...")] = None,
     force: Annotated[bool, force_option("earlier results in --out")] = False,
@@ -172,6 +179,8 @@ def check(
 
       pinograsp check runs/paper --kp 100 --joint-friction 0.01
 
+      pinograsp check runs/paper --reflex --sensors noise=0.1,delay=0.02
+
     Runs are written by 'pinograsp plan'. What each answer means: docs/howto/answers.md
     """
     from pinograsp.planner import load_run
@@ -191,13 +200,25 @@ def check(
         disturbance = differences.read(task)
         if studies.monte_carlo and disturbance.summary():
             raise InvalidInput("--monte-carlo: expected no other disturbances, it draws its own")
-        simulation = simulate(task, disturbance=disturbance, **settings)
+        believed = None
+        if (sensors := grip.read()) is None:
+            simulation = simulate(task, disturbance=disturbance, **settings)
+        else:
+            studies.refuse("--reflex")
+            controller = make_controller(plan, sensors, disturbance)
+            simulation = simulate(task, disturbance=disturbance, controller=controller, sensors=sensors, **settings)
+            plain = simulate(task, disturbance=disturbance, **settings)
+            believed = Believed(controller, sensors, plain.verdict)
         if not session.as_json:
             _print_measured(simulation, session)
         trials = run / "trials" if out is None else place.with_name(f"{place.name}-trials")
         work = _Work(run, plan, task, disturbance, settings, session)
         lost = not simulation.verdict.held
-        results, texts = {}, []
+        results: dict[str, Any] = {}
+        texts = []
+        if believed is not None:
+            results["reflex"] = believed.summary()
+            texts.append(believed.describe())
         for name, study in _run_studies(work, studies, errors, poses, trials, lost):
             results[name] = study.summary()
             texts.append(study.describe())
@@ -208,7 +229,7 @@ def check(
     if session.as_json:
         session.print_json({**summary, "folder": str(folder.path)})
     else:
-        _print_verdict(simulation, run, folder.path)
+        _print_verdict(simulation, believed, run, folder.path)
     if any(summary.get(name, {}).get("interrupted") for name in ("monte_carlo", "pose_errors")):
         raise typer.Exit(130)
     if not summary["held"]:
@@ -331,7 +352,7 @@ def _print_study(name: str, text: str, session: Session) -> None:
     tell("\n".join(["", *lines]))
 
 
-def _print_verdict(simulation: Simulation, run: Path, folder: Path) -> None:
+def _print_verdict(simulation: Simulation, believed: Believed | None, run: Path, folder: Path) -> None:
     verdict = simulation.verdict
     reasons = {"Why?": "; ".join(verdict.causes), "What helps?": "; ".join(verdict.remedies)}
     commands = [(command("view", run), f"see it move{needs('viz', 'viser')}")]
@@ -342,6 +363,7 @@ def _print_verdict(simulation: Simulation, run: Path, folder: Path) -> None:
     answers = [
         ("Did it hold?", f"{'HELD' if verdict.held else 'LOST'}: {verdict.reason}"),
         *((what, text) for what, text in reasons.items() if text),
+        *(() if believed is None else believed.list_answers()),
         ("Results", f"{folder / 'check.md'}, beside it check.json, check.npz, figures; and in the run's report.html"),
     ]
     show([], answers, commands, level="yes" if verdict.held else "no")

@@ -82,21 +82,21 @@ def _list(values: Any) -> str:
 
 def _header(constants: Mapping[str, Any], name: str) -> str:
     grip = constants if "loop" in constants else None
-    constants = constants if grip is None else constants["loop"]
+    constants, kind = (constants, "Online") if grip is None else (constants["loop"], "Grip")
     space = "".join(letter if letter.isalnum() else "_" for letter in name)
     space = f"grasp_{space}" if space[0].isdigit() else space
     named = {"contact_links": []} | dict(constants)
     names = ("contact_names", "contact_links", "joint_names")
     texts = {key: ", ".join(json.dumps(one) for one in named[key]) for key in names}
     lines = [
-        f"// A grasp for pinograsp::core::{'Online' if grip is None else 'Grip'}, made by pinograsp {version('pinograsp')}.",
+        f"// A grasp for pinograsp::core::{kind}, made by pinograsp {version('pinograsp')}.",
         "// Positions in metres, world axes; forces in newtons, the load about the centre of mass.",
         "#pragma once",
         "",
         "#include <algorithm>",
         "#include <memory>",
         "",
-        f"#include <pinograsp/core/{'online' if grip is None else 'grip'}.hpp>",
+        f"#include <pinograsp/core/{kind.lower()}.hpp>",
         "",
         f"namespace {space} {{",
         "",

@@ -57,6 +57,10 @@ class Answer:
     text: str
 
 
+def _tell_held(simulation: Simulation) -> str:
+    return f"Held in simulation {simulation.describe_controller()}".rstrip()
+
+
 def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answer:
     """The answer of a plan, and of a simulation of it where there was one.
 
@@ -71,7 +75,7 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
             lost = f": lost in simulation under disturbances; {reason}."
             return _answer("caution", "Not with what it was tried with", lost)
         return _answer("no", "No", f". Lost in simulation: {reason}.")
-    tried = f" {describe_trial(plan) or _NOT_SIMULATED}" if simulation is None else " Held in simulation."
+    tried = f" {describe_trial(plan) or _NOT_SIMULATED}" if simulation is None else f" {_tell_held(simulation)}."
     if status is not Status.OK:
         level: Level = "no" if status.answer == "The plan is not complete" and simulation is None else "caution"
         return _answer(level, status.answer, _without_success(plan, status, "" if level == "no" else tried))

@@ -179,6 +179,11 @@ class Simulation(History):
         moved[: self.complete] = 0.0
         return moved
 
+    def describe_controller(self) -> str:
+        """What controlled the hand from t_F on, in words; "" where it followed the plan alone."""
+        felt = self.disturbance.get("controller_feels")
+        return "" if felt is None else f"with a controller that feels {', '.join(map(str, felt)) or 'nothing'}"
+
     def summary(self) -> dict[str, Any]:
         """Verdict and settings as plain JSON values."""
         return {
@@ -231,6 +236,8 @@ class Simulation(History):
         ):
             if which:
                 lines.append(f"{what}: {', '.join(which)}")
+        if controlled := self.describe_controller():
+            lines.append(f"squeezed {controlled}")
         audit = "not made (the hand was shaken)" if v.energy_error is None else f"closes to {v.energy_error:.1e}"
         control = self.servo.get("control", self.mode)
         lines.append(f"energy audit {audit}; {control}, step {1e3 * self.time_step:g} ms, {self.elapsed:.2f} s")

@@ -69,6 +69,7 @@ def answer_simulated(simulation: Simulation, remark: str = "") -> list[Finding]:
     verdict = simulation.verdict
     text = "; ".join(part for part in (verdict.reason, remark) if part)
     ended, level = ("Held", "") if verdict.held else ("Lost", "no")
+    ended = f"{ended} {simulation.describe_controller()}".rstrip()
     answers = [Finding("Simulated?", f"{ended}: {text}.", level)]
     reasons = (("Why lost?", verdict.causes), ("What helps?", verdict.remedies))
     return answers + [Finding(question, f"{'; '.join(texts)}.") for question, texts in reasons if texts]

@@ -47,13 +47,16 @@ def record_trial(trial: Trial, elapsed: float) -> Simulation:
     if schedule.is_shortened:
         what = "light or hard" if options.disturbance.stiffness > 1.0 else "light"
         notes.append(f"steps of {1e3 * schedule.time_step:.2g} ms: a {what} object swings fast on its contacts")
+    differences = options.disturbance.summary()
+    if options.controller is not None:
+        differences["controller_feels"] = list(options.sensors.quantities)
     return Simulation(
         verdict=verdict,
         mode=options.mode,
         servo={} if servo is None else servo.summary(),
         time_step=schedule.time_step,
         release=released,
-        disturbance=options.disturbance.summary(),
+        disturbance=differences,
         notes=tuple(notes),
         elapsed=elapsed,
         exponent=task.law.exponent,

@@ -284,6 +284,8 @@ def test_a_controller_that_sends_the_plan_s_torques_changes_nothing(plan):
     looped = pg.simulate(plan, controller=lambda felt: Command(torques), **QUICK)
     np.testing.assert_array_equal(looped.q, plain.q)
     np.testing.assert_array_equal(looped.object_poses, plain.object_poses)
+    assert looped.disturbance["controller_feels"][0] == "forces" and "with a controller that feels" in str(looped)
+    assert not plain.disturbance and plain.describe_controller() == ""
 
 
 def test_sensors_tell_what_there_is_late_and_not_always(plan):
