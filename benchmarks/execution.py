@@ -1,6 +1,7 @@
 """Controllers that hold a grasp, against each other on the same trials, in the simulation.
 
     python benchmarks/execution.py --seed 7 --trials 60 [--controllers constant reflex ...] [--jobs 2] [--json]
+    python benchmarks/execution.py --seed 7 --trials 60 --controllers reflex --films lost
 
 Hands: an Allegro, a Psyonic with five fingers, a Panda's jaws; objects: can, box, ball, bottle, bar, as far as a grasp
 of each is planned, with friction 0.6 and the told mass. Each trial draws friction (0.25 to 1), mass (0.4 to 2.5 of the
@@ -15,7 +16,8 @@ exceeds three times the largest planned one.
 
 A controller of your own: a function of a plan, what happens (``Happening``, which only an oracle looks into) and the
 cap [N], that returns a :class:`pinograsp.reflex.Controller`, and an entry in ``CONTROLLERS``. Writes execution.csv
-beside this file; the last line is JSON with ``--json``. Some 4 s for each trial of each controller.
+beside this file; the last line is JSON with ``--json``. With ``--films FOLDER`` the first three trials that each
+controller lost become pages that move, beside the plan. Some 4 s for each trial of each controller.
 """
 
 from __future__ import annotations
@@ -45,6 +47,7 @@ MU, SEARCHED = 0.6, 32  # planned friction; samples of a search
 EVENTS = ("none", "double", "push", "arm")
 EVENT, HOLD, GONE, LAST = 1.0, 2.2, 0.04, 0.3  # [s] after the object is let go; [s]; [m]; [s]
 LETTING_GO, PUSHED, DELAY = 0.2, 0.15, 0.02  # [s]
+FILMS = 3  # of each controller
 CAP = 3.0  # times the largest planned normal force
 ARM = 4.0 * np.array([0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 0.0])  # [m/s^2]
 ARM_TIMES = EVENT + LETTING_GO + np.array([0.0, 0.05, 0.25, 0.3, 0.35, 0.55, 0.6])  # [s] after t_F
@@ -238,8 +241,8 @@ def plan_grasps(jobs: int) -> list[tuple[str, GraspPlan]]:
     return plans
 
 
-def run_trial(plan: GraspPlan, happening: Happening, name: str) -> dict[str, object]:
-    """One trial of one controller."""
+def run_trial(plan: GraspPlan, happening: Happening, name: str, page: Path | None = None) -> dict[str, object]:
+    """One trial of one controller; ``page``: where it is shown."""
     cap = CAP * float(plan.forces.normal_forces.max())
     sensors = Sensors(
         quantities=("forces", "normal_forces", "slips", "torques"),
@@ -262,6 +265,8 @@ def run_trial(plan: GraspPlan, happening: Happening, name: str) -> dict[str, obj
         )
     except pg.errors.SimulationDiverged as error:
         return row | {"why": str(error).splitlines()[0]}
+    if page is not None:
+        plan.save_html(page, simulation=seen)
     times, places = seen.times, seen.object_poses[:, :3, 3]
     away = np.linalg.norm(places - places[seen.complete], axis=1)
     last = times >= times[-1] - LAST
@@ -294,6 +299,22 @@ def summarize(rows: list[dict[str, object]]) -> dict[str, float]:
     }
 
 
+def film_lost(
+    folder: Path, work: list[tuple[str, GraspPlan, Happening, str]], rows: list[dict[str, object]]
+) -> list[Path]:
+    """Pages of the first trials that each controller lost, simulated again; returns those that there are."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pages = list[Path]()
+    for controller in dict.fromkeys(name for *_, name in work):
+        lost = [i for i, row in enumerate(rows) if row["controller"] == controller and not row["kept"]]
+        for i in lost[:FILMS]:
+            what, plan, happening, _ = work[i]
+            named = f"{controller}-{i}-{plan.hand.name}-{what}-{happening.event}.html".replace(" ", "-")
+            run_trial(plan, happening, controller, folder / named)
+            pages.append(folder / named)
+    return [page for page in pages if page.exists()]  # none of a simulation that diverged
+
+
 def main() -> None:
     """Run it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -301,6 +322,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=60)
     parser.add_argument("--controllers", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS))
     parser.add_argument("--jobs", type=int, default=-1)
+    parser.add_argument("--films", type=Path, metavar="FOLDER", help=f"pages of up to {FILMS} lost trials of each")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     rng, plans = np.random.default_rng(args.seed), plan_grasps(args.jobs)
@@ -319,6 +341,8 @@ def main() -> None:
     scores = {name: summarize([row for row in rows if row["controller"] == name]) for name in args.controllers}
     print(first)
     print(table([{"controller": name, "feels": CONTROLLERS[name][0], **score} for name, score in scores.items()]))
+    for page in film_lost(args.films, work, rows) if args.films is not None else ():
+        print(page)
     if args.json:
         print(json.dumps({"controllers": scores}))
 
