@@ -305,11 +305,12 @@ def film_lost(
     """Pages of the first trials that each controller lost, simulated again; returns those that there are."""
     folder.mkdir(parents=True, exist_ok=True)
     pages = list[Path]()
-    for controller in dict.fromkeys(name for *_, name in work):
+    controllers = list(dict.fromkeys(name for *_, name in work))
+    for controller in controllers:
         lost = [i for i, row in enumerate(rows) if row["controller"] == controller and not row["kept"]]
         for i in lost[:FILMS]:
             what, plan, happening, _ = work[i]
-            named = f"{controller}-{i}-{plan.hand.name}-{what}-{happening.event}.html".replace(" ", "-")
+            named = f"{controller}-{i // len(controllers)}-{plan.hand.name}-{what}-{happening.event}.html".replace(" ", "-")
             run_trial(plan, happening, controller, folder / named)
             pages.append(folder / named)
     return [page for page in pages if page.exists()]  # none of a simulation that diverged

@@ -205,7 +205,7 @@ def check(
             simulation = simulate(task, disturbance=disturbance, **settings)
         else:
             studies.refuse("--reflex")
-            controller = make_controller(plan, sensors, disturbance)
+            controller = make_controller(plan, sensors, disturbance, settings.get("servo"))
             simulation = simulate(task, disturbance=disturbance, controller=controller, sensors=sensors, **settings)
             plain = simulate(task, disturbance=disturbance, **settings)
             believed = Believed(controller, sensors, plain.verdict)

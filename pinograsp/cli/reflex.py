@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pinograsp.plan import Verdict
     from pinograsp.planner import GraspPlan
     from pinograsp.reflex import GripController
-    from pinograsp.simulation import Disturbance, Sensors
+    from pinograsp.simulation import Disturbance, Sensors, Servo
 
 _FELT = ("forces", "slips")
 
@@ -64,12 +64,15 @@ class ReflexOptions:
         return Sensors(quantities=_FELT if self.feels is None else tuple(self.feels.split(",")), **given)
 
 
-def make_controller(plan: GraspPlan, sensors: Sensors, disturbance: Disturbance) -> GripController:
-    """The plan's, which knows how late its sensors and drives are."""
+def make_controller(plan: GraspPlan, sensors: Sensors, disturbance: Disturbance, servo: Servo | None) -> GripController:
+    """The plan's, which knows how late its sensors and drives are; servos that take positions alone get references."""
     import numpy as np
 
-    latency = sensors.delay + float(np.max(disturbance.command_delay))
-    return plan.grip_controller(latency=latency, period=sensors.period)
+    return plan.grip_controller(
+        latency=sensors.delay + float(np.max(disturbance.command_delay)),
+        period=sensors.period,
+        stiffness=servo.stiffness if servo is not None and servo.control == "position" else None,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ import pytest
 
 import pinograsp as pg
 from pinograsp.errors import InvalidInput, Status
+from pinograsp.plan.answer import does_it_hold
 from pinograsp.reflex import Command, Felt, GripController, Measured
 from pinograsp.simulation import Disturbance, Push, Sensors
 
@@ -285,6 +286,7 @@ def test_a_controller_that_sends_the_plan_s_torques_changes_nothing(plan):
     np.testing.assert_array_equal(looped.q, plain.q)
     np.testing.assert_array_equal(looped.object_poses, plain.object_poses)
     assert looped.disturbance["controller_feels"][0] == "forces" and "with a controller that feels" in str(looped)
+    assert "Held in simulation with a controller that feels forces" in does_it_hold(plan, looped).text
     assert not plain.disturbance and plain.describe_controller() == ""
 
 
