@@ -310,9 +310,9 @@ def film_lost(
         lost = [i for i, row in enumerate(rows) if row["controller"] == controller and not row["kept"]]
         for i in lost[:FILMS]:
             what, plan, happening, _ = work[i]
-            named = f"{controller}-{i // len(controllers)}-{plan.hand.name}-{what}-{happening.event}.html".replace(" ", "-")
-            run_trial(plan, happening, controller, folder / named)
-            pages.append(folder / named)
+            named = f"{controller}-{i // len(controllers)}-{plan.hand.name}-{what}-{happening.event}.html"
+            pages.append(folder / named.replace(" ", "-"))
+            run_trial(plan, happening, controller, pages[-1])
     return [page for page in pages if page.exists()]  # none of a simulation that diverged
 
 
