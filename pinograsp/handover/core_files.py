@@ -85,7 +85,7 @@ def _header(constants: Mapping[str, Any], name: str) -> str:
     constants, kind = (constants, "Online") if grip is None else (constants["loop"], "Grip")
     space = "".join(letter if letter.isalnum() else "_" for letter in name)
     space = f"grasp_{space}" if space[0].isdigit() else space
-    named = {"contact_links": []} | dict(constants)
+    named: dict[str, Any] = {"contact_links": []} | dict(constants)
     names = ("contact_names", "contact_links", "joint_names")
     texts = {key: ", ".join(json.dumps(one) for one in named[key]) for key in names}
     lines = [
