@@ -53,7 +53,8 @@ class GripController:
       higher than the caps; it rises again when that has been felt. The same where no forces hold the load with that
       friction.
     - Without slip it is released slowly, to no less than ``kept`` of the planned squeeze in proportion to the load over
-      the friction; where slip or load is not felt, one and a half times the planned squeeze stays.
+      the friction, and of a load of two fifths of the planned one at least: what something else supports may be let
+      go at once. Where slip or load is not felt, the squeeze rises to one and a half times the planned one, and stays.
     - What is felt too much is taken off slowly, and what is felt too little added; what was taken off is given back at
       once where more is wanted.
     - Without any measurement for 50 ms nothing is released (``blind``).

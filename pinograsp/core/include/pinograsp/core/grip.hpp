@@ -96,8 +96,7 @@ public:
     Grip(Online& online, const GripSetup& setup)
         : online_(online), setup_(setup), k_(online.setup().contacts), n_(static_cast<int>(setup.bias.size())) {
         for (double** part : {&felt, &wanted, &forces, &more_, &lagging_, &work_}) *part = memory_.part<double>(3 * k_);
-        for (double** part : {&since_, &given_, &mu_low, &mu_high, &mu, &slipping})
-            *part = memory_.part<double>(k_);
+        for (double** part : {&since_, &given_, &mu_low, &mu_high, &mu, &slipping}) *part = memory_.part<double>(k_);
         torques = memory_.part<double>(n_);
         holding_ = memory_.copy(setup.bias.data(), n_);
         for (int i = 0; i < k_; ++i)
@@ -237,6 +236,8 @@ private:
     static constexpr double dropping = 0.005;  // [s] in which that is given back
     static constexpr double learning = 0.02;   // of a slipping contact's friction [s]
     static constexpr double most_times = 4.0;  // the planned load over friction: more is no guide
+    static constexpr double lightest = 0.4;    // of the planned load: less is not believed
+    static constexpr double raising = 0.1;     // in which a squeeze as planned is added, but where it slips [s]
 
     Online& online_;
     GripSetup setup_;
@@ -249,7 +250,7 @@ private:
     double* work_ = nullptr;
     double* holding_ = nullptr;  // torques of the planned forces (n) [N m or N]
     double largest_ = infinity;  // times the planned squeeze, at which the first contact is at its cap
-    double floor_ = 1.0;  // times the planned F_n, which are no less
+    double floor_ = 1.0;         // times the planned F_n, which are no less
     double level_ = 0.0;  // times the planned ones under which it slipped, with a margin, where friction is not felt
     double stamps_[feelings], spreads_[feelings] = {}, wrench_[6], acceleration_[3];
     double now_ = -infinity, fresh_ = -infinity, begun_ = -infinity, slipped_ = -infinity, jumped_ = -infinity;
@@ -347,7 +348,7 @@ private:
         for (int i = 0; i < k_; ++i) {
             const double normal = max(felt[3 * i + 2], 0.0);
             whole += normal;
-            if (since_[i] > sustained && is_fresh(Feeling::slips)) part += normal;
+            if (slips_long(i) && is_fresh(Feeling::slips)) part += normal;
         }
         if (!(part > 0.5 * whole)) return;
         slipped_ = now_;
@@ -378,12 +379,15 @@ private:
         }
         const double slippery = squeeze > 0.0 ? needed / squeeze : 1.0;
         double least = slippery;  // as long as the load is not all in the hand
+        if (!told && now_ - begun_ > setup_.blind + setup_.latency) least = max(least, setup_.unfelt);
         if (is_settled()) {
             const double planned = std::sqrt(dot3(setup_.load, setup_.load));
-            const double more = slippery * (planned > 0.0 ? std::sqrt(dot3(load, load)) / planned : 1.0);
+            // What something else supports may be let go at once.
+            const double times = planned > 0.0 ? max(lightest, std::sqrt(dot3(load, load)) / planned) : 1.0;
+            const double more = slippery * times;
             least = told ? setup_.kept * min(most_times, more) : setup_.unfelt * max(1.0, min(most_times, more));
         }
-        floor_ = min(max(max(floor_, level_), least), largest_);
+        floor_ = min(max(max(floor_, level_), min(least, floor_ + dt / raising)), largest_);
     }
 
     // The wanted forces: those for the load, or, where none hold it with that friction and that squeeze, the planned
