@@ -18,6 +18,7 @@ from pinograsp.cli.new import new
 from pinograsp.cli.pick import pick
 from pinograsp.cli.plan import CommandWithObjects, plan
 from pinograsp.cli.report import report
+from pinograsp.cli.ros2 import ros2
 from pinograsp.cli.session import Quiet, Verbose, as_command
 from pinograsp.cli.sweep import sweep
 from pinograsp.cli.view import view
@@ -63,6 +64,7 @@ def _make_app() -> typer.Typer:
         for function in functions:
             kind = _KINDS.get(function)
             application.command(cls=kind, rich_help_panel=panel)(as_command(function))
+    application.add_typer(ros2, name="ros2", rich_help_panel="A real hand")
     return application
 
 
