@@ -28,6 +28,8 @@ REACHED = {
     "example-robot-data": "files",
     "osqp": "by name through qpsolvers",
     "proxsuite": "by name through qpsolvers",
+    "ros-rmw-fastrtps-cpp": "by name through rclpy",
+    "ros-rmw-implementation": "by name through rclpy",
     "xacro": "by name, as a copy",
 }
 # Extras whose packages are reached by name as well, or are for those who work on the package.
@@ -55,6 +57,7 @@ def used() -> set[str]:
     tops -= {"pinograsp", "__future__", "_typeshed", *sys.stdlib_module_names}
     homes = packages_distributions()
     homes |= {"pinocchio": ["pin"], "coal": ["pin"], "mujoco": ["mujoco-core"]}
+    homes |= {top: [f"ros-{top}"] for top, rooms in OWNERS.items() if rooms == {"ros2"}}  # often not installed
     return {named(homes.get(top, [top])[0]) for top in tops}
 
 

@@ -17,12 +17,10 @@ class Sent(NamedTuple):
 
     Attributes:
         positions: the plan's, or references that make the torques with the servos' stiffness (n,) [rad or m].
-        velocities: (n,) [rad/s or m/s].
         efforts: (n,) [N m or N].
     """
 
     positions: Array
-    velocities: Array
     efforts: Array
 
 
@@ -43,12 +41,12 @@ class Approach:
         trajectory = joint_trajectory(plan, rate=rate, start=start)
         self.rate, self.duration, self.notes = rate, float(trajectory.times[-1]), trajectory.notes
         self._positions = trajectory.q if stiffness is None else trajectory.q + trajectory.effort / stiffness
-        self._velocities, self._efforts = trajectory.dq, trajectory.effort
+        self._efforts = trajectory.effort
 
     def at(self, since: float) -> Sent:
         """What is sent at a time since its beginning [s]; at its end, and after it, the last sample."""
         row = min(round(since * self.rate), len(self._positions) - 1)
-        return Sent(self._positions[row], self._velocities[row], self._efforts[row])
+        return Sent(self._positions[row], self._efforts[row])
 
 
 class Hold:
@@ -67,7 +65,6 @@ class Hold:
     def __init__(self, plan: GraspPlan, controller: GripController, fading: float, stiffness: Array | None):
         self.controller, self.fading, self.stiffness = controller, fading, stiffness
         self._planned = np.array(plan.motion.q[-1])
-        self._still = np.zeros(len(self._planned))
         self._extra: Array | None = None
         self._measured: Array | None = None
         self._begun = 0.0
@@ -88,4 +85,4 @@ class Hold:
             if share <= 0.0:
                 self._extra = None
         positions = self._planned if self.stiffness is None else self._planned + torques / self.stiffness
-        return Sent(positions, self._still, torques)
+        return Sent(positions, torques)

@@ -86,7 +86,7 @@ def read_wrench(message: Any, sensor_pose: Array, com_o: Array) -> Array:
 
 
 class Told:
-    """What is wrong with messages: told once for each topic, counted ever after.
+    """What is wrong with messages: told once for each topic and field, counted ever after.
 
     Attributes:
         counts: messages that were left out, by topic.
@@ -95,9 +95,12 @@ class Told:
     def __init__(self, warn: Any):
         self.warn = warn
         self.counts: dict[str, int] = {}
+        self._known: set[tuple[str, str]] = set()
 
     def leave_out(self, topic: str, error: object) -> None:
         """A message was of no use."""
-        if topic not in self.counts:
+        what = (topic, str(error).partition(":")[0])
+        if what not in self._known:
+            self._known.add(what)
             self.warn(f"{topic}: {error}; such messages are left out, and told no more")
         self.counts[topic] = self.counts.get(topic, 0) + 1

@@ -19,7 +19,7 @@ from pinograsp.ros2.messages import JointReader, Told, read_numbers, read_vector
 from pinograsp.ros2.parameters import PARAMETERS, Parameters
 from pinograsp.spatial import Array
 
-_PATIENCE = 2.0  # [s] in which what a start needs has to come
+_PATIENCE = {"hold": 2.0, "play": 5.0}  # [s] in which what a start needs has to come
 _OLDEST, _AHEAD = 1.0, 0.1  # [s] that stamps may be behind and ahead of the node's clock
 _BEYOND = 1.05  # times a torque limit: what is measured above that is in other units
 
@@ -75,6 +75,7 @@ class GripNode:
         self._made = self._last = self._looked = -math.inf
         self._begun: float | None = None
         self._holding = False
+        self._patience = _PATIENCE["play" if plays else "hold"]
         self._ticks = 0
         self._subscribe()
         self._advertise()
@@ -168,6 +169,7 @@ class GripNode:
         if now < self._last:  # a simulation has begun again
             self.log.warning("time has gone back: what was felt is forgotten")
             self._begun, self._holding, self._looked = None, False, -math.inf
+            self._positions = self._efforts = None
             self._new.clear()
         self._last = now
         self._ticks += 1
@@ -189,7 +191,7 @@ class GripNode:
         """Whether there is what a start needs: joints that are felt, and of a trajectory somebody who takes it."""
         if self._looked == -math.inf:
             self._looked = now
-        late = now - self._looked > _PATIENCE
+        late = now - self._looked > self._patience
         if self.plays:
             listens = self._commands.get_subscription_count() > 0
             if self._positions is None or not listens:
@@ -199,7 +201,9 @@ class GripNode:
                         if self._positions is None
                         else (self._topic, "a controller that takes commands")
                     )
-                    self.error = f"{self.node.resolve_topic_name(topic)}: expected {what}, got none in {_PATIENCE:g} s"
+                    self.error = (
+                        f"{self.node.resolve_topic_name(topic)}: expected {what}, got none in {self._patience:g} s"
+                    )
                 return False
             try:
                 self.approach = Approach(self.plan, self.parameters.rate, self._positions, self.parameters.stiffness)
@@ -219,7 +223,9 @@ class GripNode:
     def _usable_efforts(self) -> Array | None:
         """Measured efforts to start from."""
         if self._efforts is None:
-            self.log.warning(f"joint_states: no efforts in {_PATIENCE:g} s, starts from the plan's holding torques")
+            self.log.warning(
+                f"joint_states: no efforts in {self._patience:g} s, starts from the plan's holding torques"
+            )
             return None
         if np.any(np.abs(self._efforts) > _BEYOND * self.plan.torque_limit):
             self.log.warning(
@@ -243,7 +249,6 @@ class GripNode:
 
             point = JointTrajectoryPoint(
                 positions=array("d", positions[places].tolist()),
-                velocities=array("d", sent.velocities[places].tolist()),
                 time_from_start=Duration(sec=self._ahead[0], nanosec=self._ahead[1]),
             )
             if parameters.interface == "effort":

@@ -72,7 +72,7 @@ class Parameters:
         """From values by the names of ``PARAMETERS``; :class:`InvalidInput` where one cannot be used."""
         hand, rate = plan.hand, number("rate", given["rate"], above=0, at_most=5000, unit="Hz")
         names = given["joints"] or hand.joint_names
-        joints = items_of("joints", list(names), str)
+        joints = items_of("joints", names, str)
         for name in joints:
             one_of("joint", name, hand.joint_names)
         if len(set(joints)) < len(joints):

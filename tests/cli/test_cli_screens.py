@@ -261,7 +261,7 @@ def test_version(command):
 def examples() -> list[tuple[str, str]]:
     """Command and example, in the order in which they need each other."""
     order = ["plan", "new", "close", "check", "report", "view", "export", "carry", "sweep", "hands", "bench", "certify"]
-    order += ["identify", "pick"]
+    order += ["identify", "pick", "ros2"]
     assert sorted(order) == COMMANDS
     found = []
     for name in order:
@@ -288,7 +288,7 @@ FIRST = (("plan",), ("check", "report", "view", "export"))
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "commands", [*FIRST, tuple(sorted({*COMMANDS} - {"certify", "identify"}.union(*FIRST)))], ids=" ".join
+    "commands", [*FIRST, tuple(sorted({*COMMANDS} - {"certify", "identify", "ros2"}.union(*FIRST)))], ids=" ".join
 )
 def test_examples_of_the_help_work_when_typed(tmp_path, often, commands):
     """All but those that need a data set or a log, or go on until they are ended; after a plan of the paper's case."""

@@ -15,12 +15,13 @@ import time
 import mujoco
 import numpy as np
 
-from pinograsp.planner import load_run
 from pinograsp.plan.felt import Felt, Measured
+from pinograsp.planner import load_run
 
 SLIPS = 2e-3  # [m/s] that a sensor of slip tells
 FADING = 0.1  # [s] in which the support lets go
 LATENCY = 0.03  # [s] that the controller is told
+PAUSE = 0.3  # [s] without commands that is told
 
 
 class Hand:
@@ -72,7 +73,7 @@ class Hand:
         data = self.data
         for _ in range(max(1, round(seconds / self.model.opt.timestep))):
             if self.following:
-                data.ctrl[self.drives] = self.sent / self.gear if self.interface == "effort" else self.sent
+                data.ctrl[self.drives] = self.sent / self.gear if self.interface == "effort" else self.sent * self.gear
             data.ctrl[self.support] = supported
             mujoco.mj_step(self.model, data)
         self.farthest = max(self.farthest, float(np.linalg.norm(data.xpos[self.object] - self.start)))
@@ -131,12 +132,12 @@ class Topics:
             self.node.create_publisher(Float64MultiArray, name, qos_profile_sensor_data) for name in ("forces", "slips")
         )
         kind, topic = (Float64MultiArray, "commands") if message == "array" else (JointTrajectory, "joint_trajectory")
-        self.node.create_subscription(kind, topic, self.take, QoSProfile(depth=10))
+        self.node.create_subscription(kind, topic, self.take, QoSProfile(depth=1))
         self.state, self.array = JointState(name=list(hand.plan.hand.joint_names)), Float64MultiArray
         self.executor = rclpy.executors.SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.received = []
-        self.changes = []
+        self.pauses = []  # before the first command after a while: how long, and by how much it differs
 
     def take(self, message):
         if self.rng.random() < self.loss:
@@ -147,8 +148,10 @@ class Topics:
         else:
             values = message.data
         values = np.array(values)
-        self.changes.append(float(np.abs(values - self.hand.sent).max()))
-        self.received.append(time.perf_counter())
+        now = time.perf_counter()
+        if self.received and now - self.received[-1] > PAUSE:
+            self.pauses.append((now - self.received[-1], float(np.abs(values - self.hand.sent).max())))
+        self.received.append(now)
         self.hand.sent, self.hand.following = values, True
 
     def tell(self, senses):
@@ -165,11 +168,10 @@ class Topics:
             self.slips.publish(self.array(data=slips.tolist()))
 
     def spin(self, seconds):
+        """Take the newest command, then wait."""
         end = time.perf_counter() + seconds
-        while True:
-            self.executor.spin_once(timeout_sec=max(0.0, end - time.perf_counter()))
-            if time.perf_counter() >= end:
-                return
+        self.executor.spin_once(timeout_sec=0.0)
+        time.sleep(max(0.0, end - time.perf_counter()))
 
 
 def main():
@@ -183,7 +185,9 @@ def main():
     parser.add_argument("--message", choices=("array", "trajectory"), default="array")
     parser.add_argument("--stiffness", type=float)
     parser.add_argument("--start", choices=("start", "grasp"), default="grasp")
-    parser.add_argument("--release", type=float, default=1.0, help="when the support lets go [s after the first command]")
+    parser.add_argument(
+        "--release", type=float, default=1.0, help="when the support lets go [s after the first command]"
+    )
     parser.add_argument("--senses", nargs="+", default=["joints", "forces", "slips"])
     parser.add_argument("--period", type=float, default=0.004)
     parser.add_argument("--loss", type=float, default=0.0)
@@ -237,8 +241,7 @@ def main():
         "sent": hand.sent.tolist(),
         "behind": behind,
         "received": 0 if topics is None else len(topics.received),
-        "largest_change": max(topics.changes, default=0.0) if topics is not None else 0.0,
-        "periods": np.diff(topics.received).tolist() if topics is not None else [],
+        "pauses": [] if topics is None else topics.pauses,
     }
     with open(arguments.result, "w", encoding="utf-8") as file:
         json.dump(result, file)
