@@ -40,7 +40,7 @@ def make_plan(hand: str) -> pg.GraspPlan:
 def measure(plan: pg.GraspPlan, folder: Path, seconds: float, rate: float, sensors: float) -> dict[str, float]:
     """Talk to a node for some time."""
     import rclpy
-    from rclpy.experimental import EventsExecutor
+    from rclpy.executors import SingleThreadedExecutor
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64MultiArray
@@ -76,24 +76,26 @@ def measure(plan: pg.GraspPlan, folder: Path, seconds: float, rate: float, senso
             publisher.publish(messages[topic])
 
     robot.create_timer(1.0 / sensors, tell)
-    executor = EventsExecutor()
+    executor = SingleThreadedExecutor()
     executor.add_node(robot)
     line = [sys.executable, "-m", "pinograsp.cli", "ros2", "hold", str(folder), "--ros-args", "-p", f"rate:={rate}"]
     node = subprocess.Popen([*line, "--log-level", "warn"])
-    while not sent:
-        executor.spin_once(timeout_sec=0.1)
-    until = time.monotonic() + 1.0
-    while time.monotonic() < until:
-        executor.spin_once(timeout_sec=0.1)
-    first, until, own = len(sent), time.monotonic() + seconds, time.process_time()
-    clock = os.sysconf("SC_CLK_TCK")
-    before = processor_time(node.pid) / clock
-    while time.monotonic() < until:
-        executor.spin_once(timeout_sec=0.1)
-    spent, own = processor_time(node.pid) / clock - before, time.process_time() - own
-    node.send_signal(signal.SIGINT)
-    node.wait(timeout=20)
-    rclpy.shutdown()
+    try:
+        while not sent:
+            executor.spin_once(timeout_sec=0.1)
+        until = time.monotonic() + 1.0
+        while time.monotonic() < until:
+            executor.spin_once(timeout_sec=0.1)
+        first, until, own = len(sent), time.monotonic() + seconds, time.process_time()
+        clock = os.sysconf("SC_CLK_TCK")
+        before = processor_time(node.pid) / clock
+        while time.monotonic() < until:
+            executor.spin_once(timeout_sec=0.1)
+        spent, own = processor_time(node.pid) / clock - before, time.process_time() - own
+    finally:
+        node.send_signal(signal.SIGINT)
+        node.wait(timeout=20)
+        rclpy.shutdown()
     stamps, late = np.array(sent[first:]) * 1e-9, np.array(ages[first:]) * 1e-6
     periods = 1e3 * np.diff(stamps)
     return {

@@ -212,7 +212,7 @@ def main():
         if topics is not None and first is None and topics.received:
             first = now
         since = -1.0 if first is None else now - first
-        if since > arguments.seconds or now > arguments.seconds + 30.0:
+        if since > arguments.seconds or now > arguments.seconds + 120.0:
             break
         supported = 1.0 if since < 0 else float(np.clip(1.0 - (since - arguments.release) / FADING, 0.0, 1.0))
         if supported > 0.0:
