@@ -6,8 +6,8 @@ The node runs in a process of its own and talks DDS on this machine. This proces
 slips as planned, each at the rate of ``--sensors`` [Hz], and takes the commands. Periods are those between the times at
 which the node has published (of the middleware, ``source_timestamp``), from a second after the first command on;
 ``late``: share of the periods that are more than half a period too long; ``age``: from there until the command is here;
-``node``, ``this``: processor time of the two, in cores. Needs the
-extra ros2. Writes ros2_hold.csv beside this file; the last line is JSON with ``--json``.
+``node``, ``this``: processor time of the two, in cores. Needs the extra ros2; ``chrt -r 5 python ...`` gives both
+processes precedence over others. Writes ros2_hold.csv beside this file; the last line is JSON with ``--json``.
 """
 
 from __future__ import annotations
@@ -131,12 +131,13 @@ def main() -> None:
     arguments = parser.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randrange(1, 200))
+    policy = {os.SCHED_FIFO: "FIFO", os.SCHED_RR: "RR"}.get(os.sched_getscheduler(0), "none")
     plan = make_plan(arguments.hand)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "run"
         pg.save_run(plan, folder)
         rows = [
-            {"hand": arguments.hand, "joints": plan.hand.n}
+            {"scheduling": policy, "hand": arguments.hand, "joints": plan.hand.n}
             | measure(plan, folder, arguments.seconds, rate, arguments.sensors)
             for rate in arguments.rate
         ]

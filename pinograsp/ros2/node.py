@@ -72,7 +72,7 @@ class GripNode:
         self._counts: dict[str, int] = {}
         self._positions: Array | None = None
         self._efforts: Array | None = None
-        self._made = self._last = self._looked = -math.inf
+        self._last = self._looked = -math.inf
         self._begun: float | None = None
         self._holding = False
         self._patience = _PATIENCE["play" if plays else "hold"]
