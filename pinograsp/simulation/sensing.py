@@ -16,7 +16,7 @@ from pinograsp.simulation.settings import Disturbance
 from pinograsp.simulation.task import Task
 from pinograsp.spatial import Array, cross
 
-QUANTITIES = ("forces", "normal_forces", "slips", "torques", "joint_positions", "wrench", "acceleration")
+QUANTITIES = Felt._fields[1:]  # all but the time
 _ROUNDING = 1e-9  # [s] of times that are sums of steps
 _SLIPS = 1e-3  # [m/s] slower than that a sensor of slip does not tell
 

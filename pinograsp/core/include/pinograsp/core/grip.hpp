@@ -367,8 +367,9 @@ private:
 
     // The least squeeze: falls slowly to the share of the planned one that stays.
     void set_floor(double dt) {
+        if (blind) return;
         const bool told = std::isfinite(load_bound) && tells_slips();
-        if (is_settled() && !blind && now_ - slipped_ > setup_.calm + setup_.latency) {
+        if (is_settled() && now_ - slipped_ > setup_.calm + setup_.latency) {
             floor_ *= std::exp(-dt / setup_.release);
         }
         double squeeze = 0.0, needed = 0.0;
