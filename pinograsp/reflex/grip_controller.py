@@ -59,8 +59,9 @@ class GripController:
       once where more is wanted.
     - Without any measurement for 50 ms nothing is released (``blind``).
 
-    No command is above the caps of F_n or the joints' torque limits; a joint at its limit keeps no other from more. The
-    law runs in the compiled core (``pinograsp/core/grip.hpp``), in bounded time, without allocation.
+    No command is above the caps of F_n or the joints' torque limits; a joint at its limit keeps all others from more, so
+    that none of them pushes the object away. The law runs in the compiled core (``pinograsp/core/grip.hpp``), in
+    bounded time, without allocation.
 
     Attributes:
         forces: commanded, on the object, in contact axes (k, 3) [N].

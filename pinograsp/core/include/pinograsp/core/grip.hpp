@@ -440,22 +440,27 @@ private:
         return found;
     }
 
-    // Planned forces and internal ones besides, no more than caps allow; their torques, within their limits.
+    // Planned forces and internal ones besides, no more than caps and torque limits allow; their torques.
     void command() {
         const double* planned = setup_.planned.data();
         for (int c = 0; c < 3 * k_; ++c) work_[c] = wanted[c] + more_[c] - planned[c];
         double share = 1.0;
+        const auto keep = [&share](double least, double now, double change, double most) {
+            if (change > 0.0 && now + share * change > most) share = max(0.0, most - now) / change;
+            if (change < 0.0 && now + share * change < least) share = max(0.0, now - least) / -change;
+        };
         for (int r = 0; r < 3 * k_; ++r) {
             forces[r] = project(r, work_);
-            if (r % 3 == 2 && planned[r] + share * forces[r] > setup_.most[r / 3] && forces[r] > 0.0)
-                share = max(0.0, setup_.most[r / 3] - planned[r]) / forces[r];
+            if (r % 3 == 2) keep(-infinity, planned[r], forces[r], setup_.most[r / 3]);
         }
+        // A motor at its limit keeps all others from more: they would push the object away.
         for (int j = 0; j < n_; ++j) {
-            double change = 0.0;
-            for (int c = 0; c < 3 * k_; ++c) change += setup_.joint_map[j * 3 * k_ + c] * forces[c];
-            // A motor at its limit keeps no other from more.
-            torques[j] = min(max(holding_[j] + share * change, -setup_.torque_limit[j]), setup_.torque_limit[j]);
+            torques[j] = 0.0;  // their change, until the share is known
+            for (int c = 0; c < 3 * k_; ++c) torques[j] += setup_.joint_map[j * 3 * k_ + c] * forces[c];
+            keep(-setup_.torque_limit[j], holding_[j], torques[j], setup_.torque_limit[j]);
         }
+        for (int j = 0; j < n_; ++j)
+            torques[j] = min(max(holding_[j] + share * torques[j], -setup_.torque_limit[j]), setup_.torque_limit[j]);
         for (int r = 0; r < 3 * k_; ++r) forces[r] = planned[r] + share * forces[r];
     }
 
