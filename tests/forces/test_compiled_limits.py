@@ -76,11 +76,22 @@ def test_the_least_largest_force_is_that_of_highs(k, edges, share):
             assert found.status is Status.INFEASIBLE, FRESH
             continue
         assert found.status is Status.OK, FRESH
-        # With torque limits the program may be too degenerate for interior points: then DAQP answers.
-        assert found.solver == "interior" or share is not None, FRESH
         assert found.certificate.objective == pytest.approx(known.fun * qp.objective_scale, rel=1e-6), FRESH
         assert found.normal_forces.max() == pytest.approx(found.certificate.objective, rel=1e-9)
         assert found.certificate.is_optimal()
+
+
+def test_the_least_largest_force_is_hardly_ever_asked_of_the_general_method():
+    """Some programs are too degenerate for interior points, with torque limits many: then DAQP answers."""
+    solvers = []
+    for k in (3, 7, 15):
+        for edges in PYRAMIDS:
+            for problem in problems(k, 40, edges, None):
+                found = optimize_forces(problem, T_I, objective="peak")
+                if found.status is Status.OK:
+                    solvers.append(found.solver)
+    # 4 of 66,000 such problems were.
+    assert solvers.count("interior") >= max(0.99 * len(solvers), 200), FRESH
 
 
 @pytest.mark.parametrize("objective", ["least_squares", "work"])
