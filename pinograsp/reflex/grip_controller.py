@@ -59,8 +59,8 @@ class GripController:
       once where more is wanted.
     - Without any measurement for 50 ms nothing is released (``blind``).
 
-    No command is above the caps of F_n or the joints' torque limits; a joint at its limit keeps all others from more, so
-    that none of them pushes the object away. The law runs in the compiled core (``pinograsp/core/grip.hpp``), in
+    No command is above the caps of F_n or the joints' torque limits; a joint at its limit keeps all others from more,
+    so that none of them pushes the object away. The law runs in the compiled core (``pinograsp/core/grip.hpp``), in
     bounded time, without allocation.
 
     Attributes:
