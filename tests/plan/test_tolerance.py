@@ -121,14 +121,18 @@ def test_what_is_told_holds_in_simulation(plan):
     told = find_tolerance(plan)
     assert told.distance >= 2.5e-3
     assert told.on_table
-    rng = np.random.default_rng()
-    turn, share = rng.uniform(0, 2 * np.pi), rng.uniform(0.5, 1.0)
-    disturbance = Disturbance(
-        object_offset=share * told.distance * np.array([np.cos(turn), np.sin(turn), 0.0]),
-        object_turn=np.array([0.0, 0.0, rng.choice([-1.0, 1.0]) * share * told.angle]),
-    )
-    verdict = pg.simulate(plan, disturbance=disturbance, hold=0.4, time_step=5e-4).verdict
-    assert verdict.held, (told, disturbance.object_offset, disturbance.object_turn, verdict.reason)
+    rng, lost = np.random.default_rng(), []
+    # It is told of twelve directions and by a quick computation: near its end 1 of 60 others turns by 11 deg.
+    for least, most in ((0.5, 0.75), (0.75, 1.0), (0.75, 1.0), (0.75, 1.0)):
+        turn, share = rng.uniform(0, 2 * np.pi), rng.uniform(least, most)
+        disturbance = Disturbance(
+            object_offset=share * told.distance * np.array([np.cos(turn), np.sin(turn), 0.0]),
+            object_turn=np.array([0.0, 0.0, rng.choice([-1.0, 1.0]) * share * told.angle]),
+        )
+        verdict = pg.simulate(plan, disturbance=disturbance, hold=0.4, time_step=5e-4).verdict
+        if not verdict.held:
+            lost.append((share, turn, disturbance.object_turn, verdict.reason))
+    assert len(lost) < 2 and all(share >= 0.75 for share, *_ in lost), (told, lost)
 
 
 def test_plan_tells_it_and_keeps_it(plan, tmp_path):
