@@ -14,7 +14,7 @@ import typer
 from pinograsp import defaults
 from pinograsp.cli import completion
 from pinograsp.cli.disturbance import DisturbanceOptions, read_of_joints
-from pinograsp.cli.options import RunFolder, force_option, new_folder, out_option, read_numbers
+from pinograsp.cli.options import RunFolder, force_option, new_folder, out_option, read_numbers, read_settings
 from pinograsp.cli.reflex import Believed, ReflexOptions, make_controller
 from pinograsp.cli.screen import command, needs, show, tell
 from pinograsp.cli.session import Session, option
@@ -142,12 +142,7 @@ class StudyOptions:
             raise InvalidInput("--errors: expected with --monte-carlo, which draws them")
         known = [field.name for field in fields(Errors)]
         given: dict[str, Any] = {}
-        for part in self.errors.split(","):
-            name, _, value = part.partition("=")
-            if name not in known or name in given or not value:
-                raise InvalidInput(
-                    f"--errors: expected NAME=VALUE,... each once of {', '.join(known)}, got '{self.errors:.100}'"
-                )
+        for name, value in read_settings("--errors", self.errors, known).items():
             sizes = read_numbers("--errors", value.replace(":", ","), (1, 2, 3))
             given[name] = sizes[0] if len(sizes) == 1 else tuple(sizes)
         return Errors(**given)
@@ -201,14 +196,13 @@ def check(
         if studies.monte_carlo and disturbance.summary():
             raise InvalidInput("--monte-carlo: expected no other disturbances, it draws its own")
         believed = None
-        if (sensors := grip.read()) is None:
-            simulation = simulate(task, disturbance=disturbance, **settings)
-        else:
+        if (sensors := grip.read()) is not None:
             studies.refuse("--reflex")
+        simulation = simulate(task, disturbance=disturbance, **settings)
+        if sensors is not None:
             controller = make_controller(plan, sensors, disturbance, settings.get("servo"))
+            believed = Believed(controller, sensors, simulation.verdict)
             simulation = simulate(task, disturbance=disturbance, controller=controller, sensors=sensors, **settings)
-            plain = simulate(task, disturbance=disturbance, **settings)
-            believed = Believed(controller, sensors, plain.verdict)
         if not session.as_json:
             _print_measured(simulation, session)
         trials = run / "trials" if out is None else place.with_name(f"{place.name}-trials")

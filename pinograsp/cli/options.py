@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -240,6 +240,21 @@ def read_pairs(option: str, texts: list[str] | None) -> dict[str, str]:
             raise InvalidInput(f"{option}: expected NAME=VALUE, each name once, got '{text}'")
         pairs[name] = value
     return pairs
+
+
+def read_settings(option: str, text: str, known: Sequence[str]) -> dict[str, str]:
+    """The NAME=VALUE,... of an option, each name once.
+
+    Raises:
+        InvalidInput: other texts, names that are not ``known``.
+    """
+    settings: dict[str, str] = {}
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        if name not in known or name in settings or not value:
+            raise InvalidInput(f"{option}: expected NAME=VALUE,... each once of {', '.join(known)}, got '{text:.100}'")
+        settings[name] = value
+    return settings
 
 
 def read_numbers(option: str, text: str, counts: tuple[int, ...] = (), wanted: str = "") -> list[float]:

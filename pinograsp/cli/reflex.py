@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from pinograsp.cli.options import read_numbers
+from pinograsp.cli.options import read_numbers, read_settings
 from pinograsp.cli.session import option
 from pinograsp.errors import InvalidInput
 
@@ -53,12 +53,8 @@ class ReflexOptions:
             return None
         known = [field.name for field in fields(Sensors) if field.name != "quantities"]
         given: dict[str, Any] = {}
-        for part in self.sensors.split(",") if self.sensors is not None else ():
-            name, _, value = part.partition("=")
-            if name not in known or name in given or not value:
-                raise InvalidInput(
-                    f"--sensors: expected NAME=VALUE,... each once of {', '.join(known)}, got '{self.sensors:.100}'"
-                )
+        told = {} if self.sensors is None else read_settings("--sensors", self.sensors, known)
+        for name, value in told.items():
             number = read_numbers("--sensors", value, (1,))[0]
             given[name] = int(number) if name == "seed" and number == int(number) else number
         return Sensors(quantities=_FELT if self.feels is None else tuple(self.feels.split(",")), **given)

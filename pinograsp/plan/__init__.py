@@ -1,11 +1,11 @@
 """A grasp plan, its failure and its simulation as data, below all that reads them."""
 
+from pinograsp.plan.link_contacts import LinkContacts
 from pinograsp.plan.motion import Motion
 from pinograsp.plan.parts import (
     ComparisonRow,
     ContactLaw,
     Layout,
-    LinkContacts,
     PlanCertificate,
     PlanContacts,
     PlanForces,

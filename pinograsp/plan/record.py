@@ -12,6 +12,7 @@ from pinograsp.checks import brief, read_only
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.hands.model import HandModel
 from pinograsp.objects.body import Body
+from pinograsp.plan.link_contacts import LinkContacts
 from pinograsp.plan.motion import Motion
 from pinograsp.plan.parts import (
     INFINITE,
@@ -19,7 +20,6 @@ from pinograsp.plan.parts import (
     ComparisonRow,
     ContactLaw,
     Layout,
-    LinkContacts,
     Measure,
     PlanContacts,
     PlanForces,

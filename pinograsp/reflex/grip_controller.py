@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, TypedDict
 
 import numpy as np
@@ -149,7 +150,7 @@ class GripController:
                 f"caps: expected at least the planned normal forces {shorten(f[:, 2].round(3).tolist())} N, got "
                 f"{shorten(caps.tolist())} N"
             )
-        self._bare = OnlineForces(replace(problem, torques=None), normal_forces=(0.0, caps))
+        self._caps = caps
         self.period, self.names = self.loop.period, problem.contacts.names
         limits = torque_limits(hand, problem.contacts, posture, gravity_o=problem.gravity_o)
         self._setup = _describe_grasp(problem, limits, f, holding) | {
@@ -199,11 +200,16 @@ class GripController:
         blind: bool = self._grip.blind
         return blind
 
+    @cached_property
+    def _unlimited(self) -> OnlineForces:
+        """A loop without floors and torque limits."""
+        return OnlineForces(replace(self.loop.problem, torques=None), normal_forces=(0.0, self._caps))
+
     def find_least_squeeze(self) -> float:
         """Sum of the normal forces that the felt load asks for with the believed friction, without a margin, by forces
         of least squares [N]; infinity: none hold it within the caps. Solved when it is asked for, not at every tick.
         """
-        forces, _, status = self._bare.step(self.load, mu=self.mu)
+        forces, _, status = self._unlimited.step(self.load, mu=self.mu)
         return float(forces[:, 2].sum()) if status is Status.OK else np.inf
 
     def reset(self) -> None:

@@ -25,7 +25,7 @@ from pinograsp.checks import (
 )
 from pinograsp.errors import InvalidInput
 from pinograsp.plan.felt import Measured
-from pinograsp.plan.parts import LinkContacts
+from pinograsp.plan.link_contacts import LinkContacts
 from pinograsp.spatial import Array, BoolArray
 
 
@@ -213,7 +213,7 @@ class ContactReading(NamedTuple):
     beyond: BoolArray
     arrays: tuple[TaxelReading, ...]
 
-    def to_measured(self, time: float, commanded: ArrayLike) -> Measured | None:
+    def make_measurement(self, time: float, commanded: ArrayLike) -> Measured | None:
         """For ``Felt.normal_forces``; None: no contact is felt.
 
         A controller leaves out a measurement with a number that is missing. Contacts that are not felt are therefore
@@ -259,6 +259,7 @@ class ContactTaxels:
     felt: BoolArray = field(init=False)
     _shares: Array = field(init=False, repr=False)  # of taxels' forces by contact (k, T)
     _near: BoolArray = field(init=False, repr=False)  # taxels that have to work (k, T)
+    _points: Array = field(init=False, repr=False)  # of all taxels, in the frames of their links (T, 3) [m]
 
     __repr__ = brief("contacts", "arrays", "felt")
 
@@ -279,7 +280,7 @@ class ContactTaxels:
         values = {"arrays": arrays, "reach": reach, "most_dead": share_of("most_dead", self.most_dead)}
         for name, value in values.items():
             object.__setattr__(self, name, value)
-        for name, array in (("felt", near.any(axis=1)), ("_shares", shares), ("_near", near)):
+        for name, array in (("felt", near.any(axis=1)), ("_shares", shares), ("_near", near), ("_points", points)):
             object.__setattr__(self, name, read_only(array))
 
     def measure(self, raw: Sequence[ArrayLike]) -> ContactReading:
@@ -295,8 +296,7 @@ class ContactTaxels:
         dead = (self._near & taxels.dead).sum(axis=1) / np.maximum(self._near.sum(axis=1), 1)
         told = self.felt & (dead <= self.most_dead)
         by_taxel = self._shares * taxels.forces
-        points = np.concatenate([array.points_l for array in self.arrays])
-        centres = [_centre(forces, points) if one else np.full(3, np.nan) for forces, one in zip(by_taxel, told)]
+        centres = [_centre(forces, self._points) if one else np.full(3, np.nan) for forces, one in zip(by_taxel, told)]
         return ContactReading(
             np.where(told, by_taxel.sum(axis=1), np.nan),
             np.where(told, np.linalg.norm(self._shares * np.where(taxels.dead, 0.0, taxels.noise), axis=1), np.nan),

@@ -59,11 +59,11 @@ class Hold:
         plan: whose grasp is held.
         controller: of the plan.
         fading: how long it takes to go over [s].
-        stiffness: of the position servos (n,) [N m/rad or N/m]; None: torques are commanded.
+        servos: whether references are commanded, by the servos' stiffness that the controller was told; else torques.
     """
 
-    def __init__(self, plan: GraspPlan, controller: GripController, fading: float, stiffness: Array | None):
-        self.controller, self.fading, self.stiffness = controller, fading, stiffness
+    def __init__(self, plan: GraspPlan, controller: GripController, fading: float, servos: bool):
+        self.controller, self.fading, self.servos = controller, fading, servos
         self._planned = np.array(plan.motion.q[-1])
         self._extra: Array | None = None
         self._measured: Array | None = None
@@ -84,5 +84,4 @@ class Hold:
             torques += max(share, 0.0) * self._extra
             if share <= 0.0:
                 self._extra = None
-        positions = self._planned if self.stiffness is None else self._planned + torques / self.stiffness
-        return Sent(positions, torques)
+        return Sent(self.controller.loop.place_servos(torques).copy() if self.servos else self._planned, torques)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pinograsp.checks import shorten
+from pinograsp.checks import array_of
 from pinograsp.errors import InvalidInput
 from pinograsp.spatial import Array, cross
 
@@ -41,14 +41,7 @@ class JointReader:
             return None
         if len(values) != len(self._told):
             raise InvalidInput(f"{field}: expected one for each of {len(self._told)} names, got {len(values)}")
-        return check_finite(field, np.array(values, dtype=float)[self._places])
-
-
-def check_finite(name: str, values: Array) -> Array:
-    """The same values; :class:`InvalidInput` where one is not finite."""
-    if not np.isfinite(values).all():
-        raise InvalidInput(f"{name}: expected finite numbers, got {shorten(values.tolist())}")
-    return values
+        return array_of(field, np.array(values, dtype=float)[self._places], (len(self.names),))
 
 
 def read_numbers(message: Any, shape: tuple[int, ...]) -> Array:
@@ -60,12 +53,12 @@ def read_numbers(message: Any, shape: tuple[int, ...]) -> Array:
     values, count = np.array(message.data, dtype=float), int(np.prod(shape))
     if values.size != count:
         raise InvalidInput(f"data: expected {count} numbers ({'x'.join(map(str, shape))}), got {values.size}")
-    return check_finite("data", values.reshape(shape))
+    return array_of("data", values.reshape(shape), shape)
 
 
 def read_vector(vector: Any) -> Array:
     """A ``geometry_msgs/Vector3`` (3,); :class:`InvalidInput` where a number is not finite."""
-    return check_finite("vector", np.array([vector.x, vector.y, vector.z], dtype=float))
+    return array_of("vector", [vector.x, vector.y, vector.z], (3,))
 
 
 def read_wrench(message: Any, sensor_pose: Array, com_o: Array) -> Array:

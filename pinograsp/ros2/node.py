@@ -58,7 +58,7 @@ class GripNode:
             self.hold: Hold | None = None
             if reflex:
                 controller = plan.grip_controller(**parameters.settings)
-                self.hold = Hold(plan, controller, parameters.start_time, parameters.stiffness)
+                self.hold = Hold(plan, controller, parameters.start_time, parameters.stiffness is not None)
         except InvalidInput:
             self.node.destroy_node()
             raise

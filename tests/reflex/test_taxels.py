@@ -122,7 +122,7 @@ def test_what_is_not_felt_is_taken_as_commanded():
     sensing = ContactTaxels(contacts=contacts, arrays=(PAD, near))
     assert sensing.felt.tolist() == [True, False, False]
     raw = [counts_of(np.full(12, 0.1)), counts_of(np.ones(12))]
-    told = sensing.measure(raw).to_measured(0.5, [5.0, 6.0, 7.0])
+    told = sensing.measure(raw).make_measurement(0.5, [5.0, 6.0, 7.0])
     np.testing.assert_allclose(told.value, [1.2, 6, 7])
     assert told.time == 0.5
     # One dead of the four taxels within 6 mm of the contact, and two of them.
@@ -130,13 +130,15 @@ def test_what_is_not_felt_is_taken_as_commanded():
     raw[0][0] = np.nan
     assert local.measure(raw).normal_forces[0] == pytest.approx(1.1)
     raw[0][1] = np.nan
-    assert np.isnan(local.measure(raw).normal_forces[0]) and local.measure(raw).to_measured(0.5, np.ones(3)) is None
+    assert (
+        np.isnan(local.measure(raw).normal_forces[0]) and local.measure(raw).make_measurement(0.5, np.ones(3)) is None
+    )
     # Saturated: at least what is told, and what is commanded if that is more.
     raw[0] = counts_of(np.full(12, 0.1))
     raw[0][5] = 950.0
     reading = sensing.measure(raw)
     assert reading.beyond.tolist() == [True, False, False] and reading.normal_forces[0] == pytest.approx(3.1)
-    assert [reading.to_measured(0, [one, 1, 1]).value[0] for one in (2.0, 5.0)] == pytest.approx([3.1, 5.0])
+    assert [reading.make_measurement(0, [one, 1, 1]).value[0] for one in (2.0, 5.0)] == pytest.approx([3.1, 5.0])
 
 
 @pytest.mark.parametrize(
@@ -194,7 +196,7 @@ def test_a_grip_holds_by_what_its_taxels_tell_with_a_finger_that_has_none(plan, 
             np.testing.assert_allclose(
                 reading.normal_forces[:count], np.maximum(felt.normal_forces.value[:count], 0), atol=1e-9
             )
-            normal = reading.to_measured(felt.normal_forces.time, controller.forces[:, 2])
+            normal = reading.make_measurement(felt.normal_forces.time, controller.forces[:, 2])
         wanted.append(controller.forces[:, 2].copy())
         return controller.step(Felt(felt.time, normal_forces=normal, slips=felt.slips))
 
