@@ -14,6 +14,12 @@ was kept (median). Squeeze over least: sum of the normal forces in the last 0.3 
 squares for the true load and friction, of what was kept (median). Over cap: share of trials in which a normal force
 exceeds three times the largest planned one.
 
+What the package's own controller believed, of what was kept, 0.1 s after the event or later: share of the ticks in
+which the true load is inside its bound; largest lower bound of friction over the true friction (99th percentile);
+upper bounds at the end over it, of contacts that had slipped (median, 5th and 95th percentile). ``--quiet MINUTES``
+holds on with as much friction as planned or more, the told mass or less, and no event, for so long in all, and counts
+reflexes from 0.1 s after the hand holds the object alone.
+
 A controller of your own: a function of a plan, what happens (``Happening``, which only an oracle looks into) and the
 cap [N], that returns a :class:`pinograsp.reflex.Controller`, and an entry in ``CONTROLLERS``. Writes execution.csv
 beside this file; the last line is JSON with ``--json``. With ``--films FOLDER`` the first three trials that each
@@ -23,9 +29,10 @@ controller lost become pages that move, beside the plan. Some 4 s for each trial
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -37,7 +44,7 @@ from tqdm import tqdm
 import pinograsp as pg
 from pinograsp.objects.body import Body
 from pinograsp.planner import GraspPlan
-from pinograsp.reflex import Command, Controller, Felt
+from pinograsp.reflex import Command, Controller, Felt, GripController
 from pinograsp.simulation import BaseMotion, Disturbance, Push, Sensors
 from pinograsp.spatial import Array
 
@@ -47,6 +54,7 @@ MU, SEARCHED = 0.6, 32  # planned friction; samples of a search
 EVENTS = ("none", "double", "push", "arm")
 EVENT, HOLD, GONE, LAST = 1.0, 2.2, 0.04, 0.3  # [s] after the object is let go; [s]; [m]; [s]
 LETTING_GO, PUSHED, DELAY = 0.2, 0.15, 0.02  # [s]
+SETTLED, QUIET = 0.1, 20.0  # [s] in which a new load is felt; [s] of one quiet trial
 FILMS = 3  # of each controller
 CAP = 3.0  # times the largest planned normal force
 ARM = 4.0 * np.array([0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 0.0])  # [m/s^2]
@@ -83,6 +91,11 @@ class Happening:
             seed=int(rng.integers(1_000_000)),
         )
 
+    @classmethod
+    def draw_quiet(cls, rng: np.random.Generator) -> Happening:
+        """One at random in which the plan's squeeze is enough: no less friction, no more mass than planned."""
+        return replace(cls.draw(rng), mu=rng.uniform(MU, 1.0), mass=rng.uniform(0.4, 1.0), event="none")
+
     def disturb(self, plan: GraspPlan) -> Disturbance:
         """The same for the simulation."""
         weight = self._weight(plan)
@@ -116,6 +129,12 @@ class Happening:
         elif self.event == "arm":
             load[:3] -= self.mass * plan.body_mass * np.interp(since, ARM_TIMES, ARM) * self.direction
         return load
+
+    def is_changing(self, since: float) -> bool:
+        """Whether the load has just changed, a time after t_F [s], and is not yet felt as it is."""
+        after = since - LETTING_GO - EVENT
+        ends = {"none": (), "double": (0.0,), "push": (0.0, PUSHED), "arm": tuple(ARM_TIMES - EVENT - LETTING_GO)}
+        return any(0.0 <= after - end < SETTLED for end in ends[self.event])
 
     def _weight(self, plan: GraspPlan) -> Array:
         return self.mass * plan.body_mass * plan.gravity_o
@@ -170,12 +189,46 @@ def keep_ratio(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
     return control
 
 
+class Reflex:
+    """The package's own controller, and what it believed."""
+
+    def __init__(self, controller: GripController, quantities: Sequence[str]):
+        self.controller, self.quantities = controller, quantities
+        self.believed = list[tuple[float, Array, float, Array, int]]()  # time, load, bound, mu_low, reflexes
+
+    def __call__(self, felt: Felt) -> Command:
+        grip = self.controller
+        command = grip.step(Felt(felt.time, **{name: getattr(felt, name) for name in self.quantities}))
+        self.believed.append((felt.time, grip.load[:3].copy(), grip.load_bound, grip.mu_low.copy(), grip.reflexes))
+        return command
+
+    def judge(self, plan: GraspPlan, happening: Happening) -> dict[str, object]:
+        """How true it was, by the numbers of a row."""
+        start = float(plan.motion.times[-1])
+        late = [one for one in self.believed if one[0] - start > LETTING_GO + EVENT + SETTLED and np.isfinite(one[2])]
+        inside = [
+            bool(np.linalg.norm(load - happening.load(plan, time - start)[:3]) <= bound)
+            for time, load, bound, *_ in late
+            if not happening.is_changing(time - start)
+        ]
+        high = self.controller.mu_high[np.isfinite(self.controller.mu_high)] / happening.mu
+        return {
+            "load_inside": round(float(np.mean(inside)), 4) if inside else "",
+            "mu_low": round(float(self.believed[-1][3].max()) / happening.mu, 4),
+            "mu_high": " ".join(f"{one:.3f}" for one in high),
+            "reflexes": sum(
+                after[4] - before[4]
+                for before, after in itertools.pairwise(self.believed)
+                if after[0] - start > LETTING_GO + SETTLED
+            ),
+        }
+
+
 def reflex(*quantities: str) -> Maker:
     """The package's own, which feels these."""
 
     def make(plan: GraspPlan, happening: Happening, cap: float) -> Controller:
-        controller = plan.grip_controller(latency=DELAY + happening.delay, max_normal_force=cap)
-        return lambda felt: controller.step(Felt(felt.time, **{name: getattr(felt, name) for name in quantities}))
+        return Reflex(plan.grip_controller(latency=DELAY + happening.delay, max_normal_force=cap), quantities)
 
     return make
 
@@ -241,7 +294,9 @@ def plan_grasps(jobs: int) -> list[tuple[str, GraspPlan]]:
     return plans
 
 
-def run_trial(plan: GraspPlan, happening: Happening, name: str, page: Path | None = None) -> dict[str, object]:
+def run_trial(
+    plan: GraspPlan, happening: Happening, name: str, page: Path | None = None, hold: float = HOLD
+) -> dict[str, object]:
     """One trial of one controller; ``page``: where it is shown."""
     cap = CAP * float(plan.forces.normal_forces.max())
     sensors = Sensors(
@@ -252,13 +307,14 @@ def run_trial(plan: GraspPlan, happening: Happening, name: str, page: Path | Non
         seed=happening.seed,
     )
     row: dict[str, object] = {"controller": name, "kept": False}
+    controller = CONTROLLERS[name][1](plan, happening, cap)
     try:
         seen = pg.simulate(
             plan,
             disturbance=happening.disturb(plan),
-            controller=CONTROLLERS[name][1](plan, happening, cap),
+            controller=controller,
             sensors=sensors,
-            hold=HOLD,
+            hold=hold,
             letting_go=LETTING_GO,
             support="fixed",
             sample=4e-3,
@@ -271,7 +327,7 @@ def run_trial(plan: GraspPlan, happening: Happening, name: str, page: Path | Non
     away = np.linalg.norm(places - places[seen.complete], axis=1)
     last = times >= times[-1] - LAST
     rests = float(np.linalg.norm(np.ptp(places[last], axis=0))) < 5e-3
-    whole = times[-1] >= plan.motion.times[-1] + LETTING_GO + HOLD - 0.01
+    whole = times[-1] >= plan.motion.times[-1] + LETTING_GO + hold - 0.01
     kept = bool(whole and rests and away.max() < GONE and (seen.normal_forces[-1] > 0).sum() > 1)
     loop = _loop_of(plan, 1e4)
     least, _, _ = loop.step(happening.load(plan, 10.0), mu=happening.mu)
@@ -281,21 +337,51 @@ def run_trial(plan: GraspPlan, happening: Happening, name: str, page: Path | Non
         "squeeze_over_least": round(float(seen.normal_forces[last].sum(axis=1).mean() / least[:, 2].sum()), 3),
         "over_cap": bool(seen.normal_forces[seen.complete :].max() > cap),
         "why": "" if kept else seen.verdict.reason,
+        **(controller.judge(plan, happening) if isinstance(controller, Reflex) else {}),
     }
 
 
 def summarize(rows: list[dict[str, object]]) -> dict[str, float]:
     """Scores of one controller."""
     kept = [row for row in rows if row["kept"]]
-
-    def middle(name: str) -> float:
-        return round(float(np.median([float(str(row[name])) for row in kept])), 3) if kept else math.nan
-
     return {
         "kept": round(len(kept) / len(rows), 4),
-        "travel_mm": middle("travel_mm"),
-        "squeeze_over_least": middle("squeeze_over_least"),
+        "travel_mm": _percentile(kept, "travel_mm"),
+        "squeeze_over_least": _percentile(kept, "squeeze_over_least"),
         "over_cap": round(sum(bool(row.get("over_cap")) for row in rows) / len(rows), 4),
+    }
+
+
+def judge_beliefs(rows: list[dict[str, object]]) -> dict[str, float]:
+    """How true what one of the package's own controllers believed was."""
+    kept = [row for row in rows if row["kept"]]
+    return {
+        "load_inside": _percentile(kept, "load_inside", np.mean),
+        "mu_low_99": _percentile(kept, "mu_low", lambda values: np.percentile(values, 99)),
+        "mu_high": _percentile(kept, "mu_high"),
+        "mu_high_5": _percentile(kept, "mu_high", lambda values: np.percentile(values, 5)),
+        "mu_high_95": _percentile(kept, "mu_high", lambda values: np.percentile(values, 95)),
+    }
+
+
+def _percentile(
+    rows: list[dict[str, object]], name: str, of: Callable[[list[float]], np.floating] = np.median
+) -> float:
+    """Of the numbers of a column, several in a cell or none."""
+    values = [float(one) for row in rows for one in str(row.get(name, "")).split()]
+    return round(float(of(values)), 3) if values else math.nan
+
+
+def count_reflexes(plans: list[tuple[str, GraspPlan]], name: str, args: argparse.Namespace) -> dict[str, float]:
+    """Of a controller that holds on, where nothing asks for any."""
+    rng, count = np.random.default_rng(args.seed), math.ceil(60.0 * args.quiet / QUIET)
+    trials = [(plans[i % len(plans)][1], Happening.draw_quiet(rng)) for i in range(count)]
+    calls = (joblib.delayed(run_trial)(plan, happening, name, hold=QUIET) for plan, happening in trials)
+    rows = list(tqdm(joblib.Parallel(n_jobs=args.jobs, return_as="generator")(calls), total=count, desc=name))
+    return {
+        "quiet_kept": round(float(np.mean([bool(row["kept"]) for row in rows])), 4),
+        "minutes": round(count * QUIET / 60.0, 2),
+        "reflexes": sum(int(str(row.get("reflexes", 0))) for row in rows),
     }
 
 
@@ -324,6 +410,7 @@ def main() -> None:
     parser.add_argument("--controllers", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS))
     parser.add_argument("--jobs", type=int, default=-1)
     parser.add_argument("--films", type=Path, metavar="FOLDER", help=f"pages of up to {FILMS} lost trials of each")
+    parser.add_argument("--quiet", type=float, default=0.0, metavar="MINUTES", help="in which reflexes are counted")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     rng, plans = np.random.default_rng(args.seed), plan_grasps(args.jobs)
@@ -342,10 +429,16 @@ def main() -> None:
     scores = {name: summarize([row for row in rows if row["controller"] == name]) for name in args.controllers}
     print(first)
     print(table([{"controller": name, "feels": CONTROLLERS[name][0], **score} for name, score in scores.items()]))
+    own = [name for name in args.controllers if name.startswith("reflex")]
+    beliefs = {name: judge_beliefs([row for row in rows if row["controller"] == name]) for name in own}
+    if args.quiet:
+        beliefs = {name: beliefs[name] | count_reflexes(plans, name, args) for name in own}
+    if own:
+        print(table([{"controller": name, **belief} for name, belief in beliefs.items()]))
     for page in film_lost(args.films, work, rows) if args.films is not None else ():
         print(page)
     if args.json:
-        print(json.dumps({"controllers": scores}))
+        print(json.dumps({"controllers": scores, "beliefs": beliefs}))
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ class GripSettings(TypedDict, total=False):
     max_normal_force: ArrayLike | None
     latency: float
     noise: float
+    scale: float
     margin: float
     kept: float
     release: float
@@ -68,11 +69,13 @@ class GripController:
         forces: commanded, on the object, in contact axes (k, 3) [N].
         torques: (n,) [N m or N].
         load: external wrench on the object that is felt (6,), about its centre of mass, world axes [N, N m].
-        load_bound: three standard deviations of its force [N]; infinity: no load is felt.
+        load_bound: three standard deviations of its force, or more where it has just changed or swings [N]; infinity:
+            no load is felt.
         object_mass: that the load stands for [kg].
         mu: friction that is believed (k,).
         mu_low: it is no less than that: the contact has held (k,).
-        mu_high: it is no more than that: the contact has slipped (k,); infinity: it has not.
+        mu_high: the largest ratio at which the contact has slipped, and what noise makes of it (k,); infinity: it has
+            not. A contact that turns as it slips, or of which a part slips first, has a little more friction.
         slipping: which contacts slip, as far as that is felt (k,), 0 or 1.
         reflexes: how often the squeeze has jumped.
         blind: whether nothing has been measured for a while.
@@ -95,6 +98,7 @@ class GripController:
         max_normal_force: ArrayLike | None = None,
         latency: float = 0.0,
         noise: float = 0.1,
+        scale: float = 0.1,
         margin: float = 1.25,
         kept: float = 0.45,
         release: float = 0.4,
@@ -114,7 +118,8 @@ class GripController:
             max_normal_force: caps of F_n, one number or (k,) [N]; None: what the problem's largest depth and its
                 ``max_normal_force`` allow.
             latency: how long it takes from a command to its effect, and from there to its measurement [s].
-            noise: standard deviation of felt forces, as a share of them.
+            noise: standard deviation of felt forces and torques, as a share of them.
+            scale: the same of what a joint makes of its torque, which lasts: bounds that torques tell reckon with it.
             margin: friction is used up to the believed one over it.
             kept: share of the planned squeeze that stays, in proportion to load over friction.
             release: time in which the squeeze falls to 1/e of what it was [s].
@@ -157,6 +162,7 @@ class GripController:
             "period": self.period,
             "latency": number("latency", latency, at_least=0, at_most=10, unit="s"),
             "noise": number("noise", noise, at_least=0, at_most=10),
+            "scale": number("scale", scale, at_least=0, at_most=10),
             "margin": number("margin", margin, at_least=1, at_most=1e3),
             "kept": number("kept", kept, at_least=0, at_most=1e3),
             "release": number("release", release, above=0, unit="s"),

@@ -908,6 +908,7 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
         .def_rw("latency", &GripSetup::latency)
         .def_rw("smoothing", &GripSetup::smoothing)
         .def_rw("noise", &GripSetup::noise)
+        .def_rw("scale", &GripSetup::scale)
         .def_rw("margin", &GripSetup::margin)
         .def_rw("kept", &GripSetup::kept)
         .def_rw("unfelt", &GripSetup::unfelt)

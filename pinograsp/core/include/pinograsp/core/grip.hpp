@@ -25,7 +25,8 @@ struct GripSetup {
     double period = 1e-3;      // of the ticks [s]
     double latency = 0.0;      // of sensors and drives together [s]
     double smoothing = 0.015;  // of what is felt [s]
-    double noise = 0.1;        // standard deviation of a felt force, as a share of it
+    double noise = 0.1;        // standard deviation of a felt force or torque, as a share of it
+    double scale = 0.1;        // the same of what a joint makes of its torque, which lasts
     double margin = 1.25;      // friction is used up to mu over it
     double kept = 0.45;        // share of the planned squeeze that stays, in proportion to load over friction
     double unfelt = 1.5;       // the same where no load or no slip is felt
@@ -62,6 +63,7 @@ inline const char* fault_of(const GripSetup& setup, const OnlineSetup& online) {
     if (!(setup.latency >= 0.0 && setup.latency <= 10.0)) return "latency";
     if (!positive(setup.smoothing)) return "smoothing";
     if (!(setup.noise >= 0.0 && setup.noise <= 10.0)) return "noise";
+    if (!(setup.scale >= 0.0 && setup.scale <= 10.0)) return "scale";
     if (!(setup.margin >= 1.0 && setup.margin <= 1e3)) return "margin";
     if (!(setup.kept >= 0.0 && setup.kept <= 1e3)) return "kept";
     if (!(setup.unfelt >= 0.0 && setup.unfelt <= 1e3)) return "unfelt";
@@ -95,9 +97,15 @@ public:
     // On a loop, which stays where it is, with points, frames, Jacobian and gravity set.
     Grip(Online& online, const GripSetup& setup)
         : online_(online), setup_(setup), k_(online.setup().contacts), n_(static_cast<int>(setup.bias.size())) {
-        for (double** part : {&felt, &wanted, &forces, &more_, &lagging_, &work_}) *part = memory_.part<double>(3 * k_);
+        for (double** part : {&felt, &wanted, &forces, &more_, &lagging_, &work_, &variance_})
+            *part = memory_.part<double>(3 * k_);
         for (double** part : {&since_, &given_, &mu_low, &mu_high, &mu, &slipping}) *part = memory_.part<double>(k_);
-        torques = memory_.part<double>(n_);
+        for (double** part : {&torques, &measured_}) *part = memory_.part<double>(n_);
+        pulls_ = memory_.part<double>(3 * n_);
+        for (int r = 0; r < 3; ++r)
+            for (int j = 0; j < n_; ++j)
+                for (int c = 0; c < 3 * k_; ++c)
+                    pulls_[r * n_ + j] -= setup.grasp_map[r * 3 * k_ + c] * setup.from_torques[c * n_ + j];
         holding_ = memory_.copy(setup.bias.data(), n_);
         for (int i = 0; i < k_; ++i)
             if (setup.planned[3 * i + 2] > 0.0) largest_ = min(largest_, setup.most[i] / setup.planned[3 * i + 2]);
@@ -116,10 +124,10 @@ public:
     double* mu_high = nullptr;   // nor more than that (k); infinity: nothing has slipped
     double* slipping = nullptr;  // 1: the contact slips (k)
     double load[6] = {};         // about the centre of mass [N, N m]
-    double load_bound = 0.0;     // three standard deviations of its force [N]; infinity: none is felt
-    double mass = 0.0;           // [kg]
-    int reflexes = 0;            // so often the squeeze has jumped
-    bool blind = false;          // nothing has been measured for a while: nothing is released
+    double load_bound = 0.0;  // three standard deviations of its force, and how it has moved [N]; infinity: none felt
+    double mass = 0.0;        // [kg]
+    int reflexes = 0;         // so often the squeeze has jumped
+    bool blind = false;       // nothing has been measured for a while: nothing is released
 
     int contacts() const { return k_; }
     int joints() const { return n_; }
@@ -189,7 +197,7 @@ public:
         now_ = now;
         if (!std::isfinite(begun_)) begun_ = now;
         blind = now - max(fresh_, begun_) > setup_.blind;
-        estimate();
+        estimate(dt);
         learn_friction(dt);
         react();
         set_floor(dt);
@@ -215,6 +223,10 @@ public:
         std::fill_n(stamps_, feelings, -infinity);
         std::fill_n(spreads_, feelings, 1.0);
         std::copy_n(setup_.load, 6, wrench_);
+        std::copy_n(setup_.load, 3, steady_);
+        std::copy_n(setup_.load, 6, load);
+        std::copy_n(holding_, n_, measured_);
+        moved_ = 0.0;
         std::fill_n(acceleration_, 3, 0.0);
         now_ = fresh_ = begun_ = -infinity;
         slipped_ = jumped_ = -infinity;
@@ -235,6 +247,8 @@ private:
     static constexpr double rising = 1.1;      // times as much is wanted than before: then nothing is taken off
     static constexpr double dropping = 0.005;  // [s] in which that is given back
     static constexpr double learning = 0.02;   // of a slipping contact's friction [s]
+    static constexpr double steady = 0.15;     // of the load that another one is told from [s]
+    static constexpr double sure = 4.0;        // standard deviations of a ratio of which the largest counts
     static constexpr double most_times = 4.0;  // the planned load over friction: more is no guide
     static constexpr double lightest = 0.4;    // of the planned load: less is not believed
     static constexpr double raising = 0.1;     // in which a squeeze as planned is added, but where it slips [s]
@@ -248,11 +262,15 @@ private:
     double* lagging_ = nullptr;  // wanted, as late as it is felt (k, 3) [N]
     double* given_ = nullptr;    // friction of contacts that slip (k)
     double* work_ = nullptr;
-    double* holding_ = nullptr;  // torques of the planned forces (n) [N m or N]
-    double largest_ = infinity;  // times the planned squeeze, at which the first contact is at its cap
-    double floor_ = 1.0;         // times the planned F_n, which are no less
+    double* variance_ = nullptr;  // of smoothed forces (k, 3) [N^2]
+    double* measured_ = nullptr;  // smoothed torques that forces are told from (n) [N m or N]
+    double* pulls_ = nullptr;     // the load's force by torques (3, n)
+    double* holding_ = nullptr;   // torques of the planned forces (n) [N m or N]
+    double largest_ = infinity;   // times the planned squeeze, at which the first contact is at its cap
+    double floor_ = 1.0;          // times the planned F_n, which are no less
     double level_ = 0.0;  // times the planned ones under which it slipped, with a margin, where friction is not felt
     double stamps_[feelings], spreads_[feelings] = {}, wrench_[6], acceleration_[3];
+    double steady_[3] = {}, moved_ = 0.0;  // the load's force, slowly [N]; mean square of how far it is off [N^2]
     double now_ = -infinity, fresh_ = -infinity, begun_ = -infinity, slipped_ = -infinity, jumped_ = -infinity;
 
     // The latency of all, smoothing included [s].
@@ -268,14 +286,34 @@ private:
     }
     bool is_settled() const { return now_ - begun_ > settling; }
     bool tells_slips() const { return std::isfinite(stamps_[static_cast<int>(Feeling::slips)]); }
-    // Of the smoothed vectors, in variances of one measurement.
-    double spread() const {
-        const bool own = is_fresh(Feeling::forces);
-        return spreads_[static_cast<int>(own ? Feeling::forces : Feeling::torques)];
+
+    // Variance of the smoothed vectors, and of the force of the load that they tell, in its worst direction [N^2].
+    double find_variances() {
+        const double noise = setup_.noise * setup_.noise;
+        double whole = 0.0;
+        if (is_fresh(Feeling::forces)) {
+            for (int i = 0; i < k_; ++i) {
+                const double own = noise * spread_of(Feeling::forces) * dot3(felt + 3 * i, felt + 3 * i);
+                std::fill_n(variance_ + 3 * i, 3, own);
+                whole += own;
+            }
+            return whole;
+        }
+        const double each = noise * spread_of(Feeling::torques) + setup_.scale * setup_.scale;
+        const auto through = [this, each](const double* row) {
+            double sum = 0.0;
+            for (int j = 0; j < n_; ++j) sum += row[j] * row[j] * measured_[j] * measured_[j];
+            return each * sum;
+        };
+        for (int r = 0; r < 3 * k_; ++r) variance_[r] = through(setup_.from_torques.data() + r * n_);
+        for (int r = 0; r < 3; ++r) whole += through(pulls_ + r * n_);
+        return whole;
     }
+    double spread_of(Feeling kind) const { return spreads_[static_cast<int>(kind)]; }
 
     void feel_torques(const double* values, double share) {
         if (is_fresh(Feeling::forces)) return;  // those tell more
+        for (int j = 0; j < n_; ++j) measured_[j] += share * (values[j] - measured_[j]);
         for (int r = 0; r < 3 * k_; ++r) {
             const bool normal = r % 3 == 2;
             if (!(normal ? !is_fresh(Feeling::normal_forces) : setup_.tells_load)) continue;
@@ -286,46 +324,58 @@ private:
     }
 
     // Load and mass.
-    void estimate() {
+    void estimate(double dt) {
+        const bool felt_vectors = tells_vectors();
+        double variance = felt_vectors ? find_variances() : infinity;
         double pull[3];  // gravity less acceleration
         for (int c = 0; c < 3; ++c)
             pull[c] = setup_.gravity[c] - (is_fresh(Feeling::acceleration) ? acceleration_[c] : 0.0);
         const double own = dot3(setup_.gravity, setup_.gravity);
         if (is_fresh(Feeling::wrench)) {
             std::copy_n(wrench_, 6, load);
-            load_bound = 3.0 * setup_.noise * std::sqrt(spreads_[static_cast<int>(Feeling::wrench)] * dot3(load, load));
-        } else if (tells_vectors()) {
-            double squares = 0.0;
-            for (int r = 0; r < 3 * k_; ++r) squares += felt[r] * felt[r];
+            variance = setup_.noise * setup_.noise * spread_of(Feeling::wrench) * dot3(load, load);
+        } else if (felt_vectors) {
             for (int r = 0; r < 6; ++r) {
                 load[r] = 0.0;
                 for (int c = 0; c < 3 * k_; ++c) load[r] -= setup_.grasp_map[r * 3 * k_ + c] * felt[c];
             }
-            load_bound = 3.0 * setup_.noise * std::sqrt(spread() * squares);
         } else {
             std::copy_n(setup_.load, 6, load);
             const double planned = own > 0.0 ? dot3(setup_.load, setup_.gravity) / own : 0.0;
             for (int c = 0; c < 3; ++c) load[c] -= planned * (setup_.gravity[c] - pull[c]);
-            load_bound = infinity;
         }
+        // What moves more than noise does has just changed, or the object swings.
+        const double share = 1.0 - std::exp(-dt / steady);
+        double off = 0.0;
+        for (int c = 0; c < 3; ++c) {
+            steady_[c] += share * (load[c] - steady_[c]);
+            off += (load[c] - steady_[c]) * (load[c] - steady_[c]);
+        }
+        moved_ += share * (off - moved_);
+        load_bound = 3.0 * std::sqrt(max(variance, max(off, moved_) - 2.0 * variance));
         const double square = dot3(pull, pull);
         mass = square > 0.0 ? max(0.0, dot3(load, pull) / square) : 0.0;
     }
 
     // Bounds of friction: what holds at a ratio has it at least, what slips at one has no more.
     void learn_friction(double dt) {
-        const double doubt = 3.0 * setup_.noise * std::sqrt(2.0 * spread());
+        // What is learnt is a mean of what is smoothed already.
+        // The largest of them is the bound: only a part of a contact may slip at first, or it turns as it slips.
+        const double left = std::sqrt(setup_.smoothing / (setup_.smoothing + learning));
         const bool felt_vectors = tells_vectors();
         double slipped = 0.0, share_of = 0.0;
         for (int i = 0; i < k_; ++i) {
             const double normal = felt[3 * i + 2];
             if (felt_vectors && normal > firm) {
                 const double ratio = std::hypot(felt[3 * i], felt[3 * i + 1]) / normal;
-                mu_low[i] = max(mu_low[i], ratio * max(0.0, 1.0 - doubt));
+                const double most = max(max(variance_[3 * i], variance_[3 * i + 1]), variance_[3 * i + 2]);
+                const double doubt = std::sqrt(most * (1.0 + ratio * ratio)) / normal;
+                if (is_settled()) mu_low[i] = max(mu_low[i], ratio - sure * doubt);
                 if (slips_long(i)) {
                     const double share = 1.0 - std::exp(-dt / learning);
                     given_[i] = std::isfinite(given_[i]) ? given_[i] + share * (ratio - given_[i]) : ratio;
-                    mu_high[i] = given_[i] * (1.0 + doubt);
+                    const double bound = given_[i] + 2.0 * left * doubt;
+                    mu_high[i] = std::isfinite(mu_high[i]) ? max(mu_high[i], bound) : bound;
                 }
             }
             mu_high[i] = max(mu_high[i], mu_low[i]);
