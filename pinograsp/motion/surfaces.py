@@ -28,7 +28,7 @@ from pinograsp.motion.press_solver import TRACKED, Before, PressedContacts, Pres
 from pinograsp.motion.rounds import PRESS
 from pinograsp.spatial import Array, BoolArray
 
-# Surfaces of closed fingers are as deep as planned to this share of their depth, which is 1.5 % of their force.
+# Surfaces of closed fingers are as deep as planned to this share of the largest depth: 1.5 % of the largest force.
 _SHARE = 0.01
 _ROUNDED = 0.1  # share of its depth that a contact keeps where others need less of it
 _STIFF = 0.03  # share of the stiffness below which friction is taken for none
@@ -248,10 +248,12 @@ def press_surfaces(
         slips=frozen(np.sqrt((slid * slid).sum(axis=2))),
         limited=tuple(name for name, dof in zip(finger.actuated, finger.dofs.tolist()) if dof in phase.limited),
     )
-    return replace(motion, surfaces=bool(off_path(motion, profile, which).any()))
+    return replace(motion, surfaces=bool(off_path(motion, profile).any()))
 
 
-def off_path(motion: FingerMotion, profile: PenetrationProfile, which: Sequence[int]) -> BoolArray:
-    """Which contacts (c,) of a closed finger miss their depths by more than is negligible."""
-    allowed = np.maximum(TRACKED, _SHARE * profile.final_depth[list(which)])
+def off_path(motion: FingerMotion, profile: PenetrationProfile) -> BoolArray:
+    """Which contacts (c,) of a closed finger miss their depths by more than is negligible: what a light one lacks is
+    little beside what the deepest presses.
+    """
+    allowed = max(TRACKED, _SHARE * float(profile.final_depth.max()))
     return np.asarray(motion.errors.max(axis=0) > allowed)

@@ -319,7 +319,7 @@ class _Planning:
         ]
         self.notes += stopped
         self.notes += [f"{joint} leaves its limits by {by} in the approach" for joint, by in outside]
-        if off_path(motion, self.profile, which).any() if closed else motion.errors.max() > TRACKED:
+        if off_path(motion, self.profile).any() if closed else motion.errors.max() > TRACKED:
             self.on_path = False
             own = [self.problem.contacts[i] for i in which]
 

@@ -134,8 +134,10 @@ def _prepare_hand(hand: HandModel, fingers: tuple[str, ...] | None) -> _Prepared
     if len(good) < _NEAREST:
         good = sorted(shapes, key=lambda one: one.imbalance)[: 4 * _NEAREST]
     collisions = SelfCollisions(hand)
-    parts = not any(collisions.between(rest_of(hand), one.opened) for one in good)
-    return _PreparedHand(rough, tuple(good), collisions, parts)
+    clear = [one for one in good if not collisions.between(rest_of(hand), one.opened)]
+    if 2 * len(clear) >= len(good):  # else open fingers touch by design
+        good = clear
+    return _PreparedHand(rough, tuple(good), collisions, len(clear) == len(good))
 
 
 def hand_of_hulls(hand: HandModel) -> HandModel:

@@ -802,6 +802,8 @@ const char* best_level() {
 }  // namespace
 
 NB_MODULE(PINOGRASP_CORE_MODULE, m) {
+    // Scenes and loops that callers keep until the interpreter ends are no leaks.
+    nb::set_leak_warnings(false);
     m.attr("width") = width;
     m.def("best_level", &best_level);
     nb::class_<GraspSetup> grasp_setup(m, "GraspSetup");
