@@ -8,32 +8,32 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import number, path_of, read_only, text_of
-from pinograsp.contacts import clearance
 from pinograsp.data import GraspRows, write_grasps
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.commands import efforts, gains, require_drives
 from pinograsp.hands import HandModel
 from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.objects.body import Body
-from pinograsp.plan import Motion, PlanRecord
+from pinograsp.plan import PlanRecord
 from pinograsp.spatial import Array, inverse_of
 from pinograsp.writing import write_errors
 
-_CLEAR = 0.01  # [m] of an open hand from the object
+_TO_GO = 0.015  # [m] for the contact that has most: from farther away fingers come fast, and not at once
 
 
 def commanded_postures(plan: PlanRecord, *, stiffness: ArrayLike | None = None) -> Array:
-    """The postures (3, n) that a plan asks of position servos: the last one on its way that is 10 mm clear of the
-    object, where the links touch, and references that press with its forces, q + tau / kp, the hand's own weight made
+    """The postures (3, n) that a plan asks of position servos: the last one on its way from which the places of its
+    contacts on the links have 15 mm to go, that where the links touch, and references that press with its forces, q + tau / kp, the hand's own weight made
     up for. Arguments and errors as of :func:`grasp_rows`.
     """
-    hand, body, motion = plan.require_hand(), _body_of(plan), plan.motion
+    hand, motion = plan.require_hand(), plan.motion
+    _body_of(plan)
     require_drives(hand)
     kp, last = gains(hand, "stiffness", stiffness), motion.q[-1:]
     weight = inverse_dynamics(hand, last, 0 * last, 0 * last, gravity_o=plan.gravity_o)
     effort, _ = efforts(hand, last, motion.holding_torques[None] - weight, shortfall=None)
     squeezed = last + effort / kp @ np.linalg.pinv(hand.transmission).T
-    found: Array = np.concatenate([motion.q[[_last_clear(hand, body, motion), motion.impact]], squeezed])
+    found: Array = np.concatenate([motion.q[[_find_near(plan, hand), motion.impact]], squeezed])
     return found
 
 
@@ -87,16 +87,15 @@ def _body_of(plan: PlanRecord) -> Body:
     return plan.body
 
 
-def _last_clear(hand: HandModel, body: Body, motion: Motion) -> int:
-    """The last sample on the way to the object at which the hand is clear of it; the first where none is."""
-    clear, near = 0, motion.impact
-    while near - clear > 1:
-        middle = (clear + near) // 2
-        if clearance(hand, body, motion.q[middle]) >= _CLEAR:
-            clear = middle
-        else:
-            near = middle
-    return clear
+def _find_near(plan: PlanRecord, hand: HandModel) -> int:
+    """The last sample on the way from which one of the contacts has so far to go; the first where none has."""
+    places = plan.contacts_on_links
+    if places is None:
+        return 0
+    links_o = hand.frame_placements(plan.motion.q[: plan.motion.impact + 1], places.links)
+    points_o = np.einsum("mkij,kj->mki", links_o[..., :3, :3], places.points_l) + links_o[..., :3, 3]
+    to_go = np.linalg.norm(points_o - points_o[-1], axis=2).max(axis=1)
+    return int(np.flatnonzero(to_go >= _TO_GO).max(initial=0))
 
 
 def _every_joint(hand: HandModel, names: list[str], q: Array) -> Array:
