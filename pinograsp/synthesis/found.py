@@ -37,7 +37,7 @@ from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
 from pinograsp.words import lines_of
 
-_SHARP, _POINTS = 0.1, 20_000  # tolerance and effort of the quality
+_SHARP, _ROUGH, _POINTS = 0.1, 0.3, 20_000  # tolerance of the quality, of one of many; its effort
 ROOMS = (0.0025, 0.005, 0.0075, 0.01, 0.015, 0.02)  # [m] of the open hand about the object: sizes that count
 SOUND = 2  # rank of a grasp that withstands the reserve on contacts that are sure
 # What a squeeze of the first rank may sum up to, and one that is not refined further: times the weight, or newtons per
@@ -153,7 +153,7 @@ def hold(
 
     ``quick``: to compare many, with the squeeze of the certification where that is good enough, which may press harder
     than the least that withstands the reserve, and of which it is not asked whether the hand can press its contacts
-    together so; where a squeeze does, quality and load factor are left out, as 0.
+    together so; with a reserve the load factor is left out, as 0, and where a squeeze does, the quality, which is rough else.
     """
     instance_of("closure", closure, Closure)
     instance_of("conditions", conditions, GraspConditions)
@@ -171,18 +171,18 @@ def hold(
     if conditions.reserve is not None:
         squeeze = _squeeze(closure, problem, conditions.reserve, quick)
     borne = forces.normal_forces if squeeze is None else squeeze
-    bare = quick and conditions.reserve is not None and squeeze is not None  # its squeeze alone ranks it
+    rough = quick and conditions.reserve is not None  # a squeeze alone ranks it, or else the quality
     return "holds", FoundGrasp(
         pose=closure.hand.pose,
         closure=closure,
         forces=forces,
-        quality=0.0 if bare else _quality(problem, conditions.reserve),
+        quality=0.0 if rough and squeeze is not None else _quality(problem, conditions.reserve, rough),
         squeeze=np.inf if squeeze is None else float(squeeze.sum()),
         reserved=conditions.reserve is not None,
         displacement=_displacement(closure, problem, conditions.reserve, squeeze),
         doubtful=doubtful_share(closure.hand, closure.object, contacts, borne),
         energy=forces.certificate.objective,
-        load_factor=0.0 if bare else load_factor(problem, impact_time=impact_time),
+        load_factor=0.0 if rough else load_factor(problem, impact_time=impact_time),
         fingers=len({touch.finger for touch in touching} - {PALM}),
         wanted_fingers=wanted_fingers,
     )
@@ -201,7 +201,7 @@ def _displacement(closure: Closure, problem: ForceProblem, reserve: Reserve | No
     return push_away(held, reserve.disturbance * weight)
 
 
-def _quality(problem: ForceProblem, reserve: Reserve | None) -> float:
+def _quality(problem: ForceProblem, reserve: Reserve | None, rough: bool) -> float:
     reserve = Reserve() if reserve is None else reserve
     return float(
         ferrari_canny(
@@ -210,7 +210,7 @@ def _quality(problem: ForceProblem, reserve: Reserve | None) -> float:
             friction=replace(problem.friction, torsion=problem.friction.torsion * (1.0 - reserve.friction)),
             moment_length=reserve.arm(held_body(problem)) or None,
             balance=problem.balance,
-            tolerance=_SHARP,
+            tolerance=_ROUGH if rough else _SHARP,
             limit=_POINTS,
         ).lower
     )
