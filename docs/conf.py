@@ -1,6 +1,9 @@
 """The documentation: sphinx-build -W docs build/site. Tutorials are executed, and what they print is shown."""
 
 from importlib.metadata import version as version_of
+from pathlib import Path
+
+from sphinx import addnodes
 
 project, author = "pinograsp", "the pinograsp developers"
 version = release = version_of("pinograsp")
@@ -42,6 +45,27 @@ html_title = "pinograsp"
 html_static_path = ["static"]
 html_css_files = ["tables.css"]
 html_theme_options = {"top_of_page_buttons": []}
+html_search_scorer = str(Path(__file__).with_name("static") / "scorer.js")
+
+# What people type into the search, and the pages that answer it: they come before pages that only mention it.
+search_keywords = {
+    "concepts/drives": ["torque", "motors", "servos"],
+    "concepts/frames": ["frames", "units", "mm", "degrees", "quaternions", "pose"],
+    "concepts/friction": ["friction", "friction cone", "soft fingers"],
+    "howto/answers": ["status", "exit codes"],
+    "howto/forces": ["torque limits", "contact forces"],
+    "howto/hand_over": ["CSV", "gripper", "trajectory", "JointTrajectory"],
+    "howto/hands": ["fingers", "torque limits", "URDF", "MJCF", "xacro", "mimic joints"],
+    "howto/objects": ["units", "mesh", "STL", "OBJ"],
+    "howto/pick": ["IK", "inverse kinematics", "arm", "obstacles"],
+    "howto/real_hands": ["torque limits", "registers", "data sheet", "logs"],
+    "howto/reflex": ["slip", "taxels", "sensors"],
+    "howto/troubleshooting": ["slip", "units", "mm", "frames", "infeasible", "problems"],
+    "howto/wishes": ["handle", "fingers", "approach"],
+    "reference/motion": ["IK", "inverse kinematics"],
+    "tutorials/gripper": ["gripper", "jaws"],
+    "tutorials/own_hand": ["CSV", "URDF", "STL"],
+}
 
 
 def _plain_bars(app, what, name, obj, options, lines):
@@ -52,6 +76,14 @@ def _plain_bars(app, what, name, obj, options, lines):
         lines[i] = "``".join(parts)
 
 
+def _add_keywords(app, doctree):
+    """The page's keywords, as entries of the index: the search looks there first."""
+    if words := app.config.search_keywords.get(app.env.docname):
+        doctree.insert(0, addnodes.index(entries=[("single", word, "", "main", None) for word in words]))
+
+
 def setup(app):
     """What Sphinx calls first."""
     app.connect("autodoc-process-docstring", _plain_bars)
+    app.add_config_value("search_keywords", {}, "env", types=(dict,))
+    app.connect("doctree-read", _add_keywords)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -158,6 +159,39 @@ def test_links_lead_somewhere(path):
         if anchor and place.suffix == ".md":
             heads = re.findall(r"^#+ (.+)$", place.read_text(encoding="utf-8"), re.M)
             assert anchor in {re.sub(r"[^\w -]", "", head).lower().replace(" ", "-") for head in heads}, target
+
+
+# What users typed into the search of the site, and the page that answers it.
+SOUGHT = {
+    "fingers": "howto/hands",
+    "torque limits": "howto/hands",
+    "IK": "howto/pick",
+    "units": "concepts/frames",
+    "slip": "howto/troubleshooting",
+    "handle": "howto/wishes",
+    "CSV": "howto/hand_over",
+    "frames": "concepts/frames",
+    "friction": "concepts/friction",
+    "gripper": "tutorials/gripper",
+}
+
+
+def test_keywords_lead_the_search_to_pages_that_have_them():
+    pytest.importorskip("sphinx")
+    keywords = runpy.run_path(str(DOCS / "conf.py"))["search_keywords"]
+    for word, page in SOUGHT.items():
+        assert word in keywords[page], word
+        assert sum(word in words for words in keywords.values()) <= 3, f"{word}: more than three pages come first"
+    for page, words in keywords.items():
+        text = (DOCS / f"{page}.md").read_text(encoding="utf-8").lower()
+        for word in words:
+            assert all(part.lower().removesuffix("s") in text for part in word.split()), f"{page}: {word}"
+
+
+def test_the_glossary_is_in_order():
+    text = (DOCS / "glossary.md").read_text(encoding="utf-8")
+    terms = re.findall(r"^- \*\*(.+?)\*\*.*?: ", text, re.M)
+    assert len(terms) >= 50 and terms == sorted(set(terms), key=str.lower)
 
 
 def test_the_readme_is_read_in_minutes():
