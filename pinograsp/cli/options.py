@@ -142,7 +142,7 @@ class WishOptions:
     touching: list[str] | None = _wish("Part that a finger touches; repeatable.", metavar="PART")
     forbidden: list[str] | None = _wish("Part that nothing touches; repeatable.", metavar="PART")
     approach: str | None = _wish(
-        "From where the hand comes: above, below, side, or a direction x,y,z\\[,cone in deg]\\[,object].",
+        "Side from which the hand approaches: above, below, side, or a direction x,y,z\\[,cone in deg]\\[,object].",
         metavar="SIDE",
     )
     edges: bool = _wish("Contacts may lie on edges of the object.", "--edges/--no-edges", default=True)

@@ -81,7 +81,7 @@ class AloneOptions:
         choices=completion.RESERVES,
     )
     tasks: list[str] | None = _pair(
-        "What is done with it, borne besides the weight: screw:torque=0.5, pour:tilt_deg=60, insert:force=5, "
+        "Task that the grasp must withstand besides the weight: screw:torque=0.5, pour:tilt_deg=60, insert:force=5, "
         "pull:force=5,direction=0 0 1, shake:acceleration=3; repeatable.",
         "--task",
         metavar="NAME:FIELD=VALUE,...",
