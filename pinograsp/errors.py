@@ -251,7 +251,7 @@ class _Meaning(NamedTuple):
 
 # Exceptions of several lines' kinds mean the first of them.
 _MEANINGS = {
-    Status.OK: _Meaning(0, "forces proven, motion found, nothing speaks against it but the cautions", "", _HELD),
+    Status.OK: _Meaning(0, "forces proven, motion found, no doubts except the cautions", "", _HELD),
     Status.UNBALANCED: _Meaning(
         0,
         "the forces of a grid balance the load but for a small rest",

@@ -20,22 +20,22 @@ Level = Literal["yes", "caution", "no"]
 
 # Every answer of :func:`does_it_hold`, by its first words, and what it means.
 ANSWERS: dict[str, str] = {
-    "Yes": "forces and moments are in balance with the load, nothing speaks against the plan, and it was held where it "
-    "was simulated",
+    "Yes": "forces and moments are in balance with the load, nothing casts doubt on the plan, and the object was held "
+    "if the plan was simulated",
     "Yes, with cautions": "the same, but the plan has cautions: what its promise does not cover, each in words",
-    "Barely": f"the load is held, but in some direction less than {100 * WEAK:g} % of the weight besides it is too "
-    "much: plan with a reserve",
-    "Almost": "forces balance the load but for a small rest, which the answer gives in newtons: a grid search with the "
-    "paper's net-force limit (status unbalanced)",
-    "Not certain": "forces hold the load, but whether the hand brings them about, or keeps the object, is not sure: "
+    "Barely": f"the load is held, but in some direction an additional push of less than {100 * WEAK:g} % of the weight "
+    "is too much: plan with a reserve",
+    "Almost": "forces balance the load except for a small residual, which the answer gives in newtons: a grid search with "
+    "the paper's net-force limit (status unbalanced)",
+    "Not certain": "forces hold the load, but it is not certain that the hand can produce them or keep the object: "
     "fingers cannot follow their paths (not_tracked), forces act on edges or the object is easily pushed away "
     "(doubtful), or moments are not balanced; the answer says which",
     "Not with what it was tried with": "lost in a simulation with disturbances or other differences from the plan, "
-    "which says nothing of the plan without them",
+    "which says nothing about the plan without them",
     "No": "lost in a simulation of the plan as it is; the reason follows",
-    "The plan is not complete": "there are forces, but no whole motion, or the search was stopped: the status and its "
-    "remedy follow",
-    "No grasp": "the search ended without forces, and the folder has the proof, or what is known instead",
+    "The plan is not complete": "there are forces, but no complete motion, or the search was stopped: the status and "
+    "its remedy follow",
+    "No grasp": "the search ended without forces; the folder has the proof, or what is known instead",
 }
 
 _GRAVITY = 9.80665  # [m/s^2]: one g
