@@ -25,8 +25,8 @@ ANSWERS: dict[str, str] = {
     "Yes, with cautions": "the same, but the plan has cautions: what its promise does not cover, each in words",
     "Barely": f"the load is held, but in some direction an additional push of less than {100 * WEAK:g} % of the weight "
     "is too much: plan with a reserve",
-    "Almost": "forces balance the load except for a small residual, which the answer gives in newtons: a grid search with "
-    "the paper's net-force limit (status unbalanced)",
+    "Almost": "forces balance the load except for a small residual, which the answer gives in newtons: a grid search "
+    "with the paper's net-force limit (status unbalanced)",
     "Not certain": "forces hold the load, but it is not certain that the hand can produce them or keep the object: "
     "fingers cannot follow their paths (not_tracked), forces act on edges or the object is easily pushed away "
     "(doubtful), or moments are not balanced; the answer says which",
