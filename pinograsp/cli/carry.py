@@ -26,7 +26,7 @@ _SHIFTS = ("com_x", "com_y", "com_z")
 
 _way = partial(option, "The way")
 _limit = partial(option, "Limits of the motion")
-_hold = partial(option, "What is held, and how")
+_hold = partial(option, "What the hand holds, and how")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,30 +34,32 @@ class WayOptions:
     """The arm's path, and its time."""
 
     path: Path = _way(
-        "The arm's way: .csv (a line of joints, then waypoints, with a column time or without), or .yaml, .json (a "
-        "trajectory as ROS and MoveIt print it).",
+        "Path of the arm: .csv (a line of joint names, then waypoints, with or without a column time), or "
+        ".yaml or .json (a trajectory as ROS and MoveIt print it).",
         default=REQUIRED,
         metavar="FILE",
     )
     robot: str | None = _way(
-        "Arm and hand in one model: a file, or a hand of the catalogue, read by --root to --posture; default: the "
-        "grasp's own hand.",
+        "Arm and hand in one model: a file, or a hand from the catalogue, read with the options --root to "
+        "--posture; default: the grasp's own hand.",
         complete=completion.complete_hands,
     )
-    timing: str = _way("fastest, or given: that of FILE.", default="fastest", choices=completion.TIMINGS)
-    intervals: int = _way("Of the path, or of its time.", default=500)
-    rate: float = _way("Of the trajectory's samples \\[Hz].", default=1000.0)
-    check: bool = _way("Simulate arm, hand and object on the whole way, too.", "--check", default=False)
+    timing: str = _way(
+        "Timing along the path: fastest, or given (that of FILE).", default="fastest", choices=completion.TIMINGS
+    )
+    intervals: int = _way("Number of intervals into which the path, or its time, is divided.", default=500)
+    rate: float = _way("Sampling rate of the trajectory \\[Hz].", default=1000.0)
+    check: bool = _way("Also simulate arm, hand and object along the whole path.", "--check", default=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionLimits:
     """Limits of the motion."""
 
-    speed: float | None = _limit("Largest of each joint \\[rad/s or m/s]; default: the robot's own.")
-    acceleration: float | None = _limit("Largest of each joint \\[rad/s^2 or m/s^2].")
-    jerk: float | None = _limit("Largest of each joint \\[rad/s^3 or m/s^3].")
-    ramp: float | None = _limit("Time in which accelerations change, at least \\[s]; default: 0.05.")
+    speed: float | None = _limit("Largest speed of each joint \\[rad/s or m/s]; default: the robot's own.")
+    acceleration: float | None = _limit("Largest acceleration of each joint \\[rad/s^2 or m/s^2].")
+    jerk: float | None = _limit("Largest jerk of each joint \\[rad/s^3 or m/s^3].")
+    ramp: float | None = _limit("Least time in which accelerations change \\[s]; default: 0.05.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,20 +67,21 @@ class HoldOptions:
     """What is to be held against, and how the hand presses."""
 
     squeeze: str = _hold(
-        "least: follows the loads; constant: commanded once; or a number: its largest change \\[N/s].",
+        "How to squeeze: least (follow the loads), constant (one command), or a number (the largest rate of "
+        "change \\[N/s]).",
         default="least",
         choices=completion.SQUEEZES,
     )
     scenario: list[str] | None = _hold(
-        "What may be otherwise, as well: mass, mu (over the planned), com_x, com_y, com_z \\[m]; repeatable.",
+        "Also withstand this difference: mass, mu (factors on the planned), com_x, com_y, com_z \\[m]; repeatable.",
         metavar="NAME=VALUE,...",
     )
-    reserve: float = _hold("Share of every limit that is kept free.", default=0.1)
+    reserve: float = _hold("Headroom: share of every limit that is kept free.", default=0.1)
     disturbance: float | None = _hold(
-        "Force in any direction to withstand as well \\[N]; default: what the grasp's plan withstands."
+        "Force in any direction that the squeeze also withstands \\[N]; default: what the grasp's plan withstands."
     )
     gravity: tuple[float, float, float] = _hold(
-        "In the robot's world \\[m/s^2].", default=defaults.GRAVITY, metavar="X Y Z"
+        "Gravity in the robot's world frame \\[m/s^2].", default=defaults.GRAVITY, metavar="X Y Z"
     )
 
     def settings(self) -> dict[str, Any]:
@@ -98,7 +101,9 @@ def carry(
     grasp: Annotated[
         str,
         typer.Argument(
-            metavar="RUN_OR_CASE", help="What is held: a run's folder, or a case.", autocompletion=completion.graspable
+            metavar="RUN_OR_CASE",
+            help="What the hand holds: the folder of a run, or a case.",
+            autocompletion=completion.graspable,
         ),
     ],
     way: WayOptions,
@@ -109,7 +114,7 @@ def carry(
     force: Annotated[bool, force_option("earlier results in --out")] = False,
     session: Session,
 ) -> None:
-    r"""Carry what a hand holds along an arm's path: how fast, how hard to squeeze on the way, and what binds where.
+    r"""Carry what a hand holds along an arm's path: how fast, how hard to squeeze, and which limits bind where.
 
     Examples:
       pinograsp plan --hand panda --object sphere:radius=0.03,mass=0.1 --out ball
@@ -118,8 +123,8 @@ def carry(
 
       pinograsp carry ball --robot panda --root panda_link0 --path way.csv
 
-    Add --check to simulate it, --squeeze constant for a gripper that is told one force, --scenario mass=1.2 to
-    withstand more. What each answer means: docs/howto/answers.md
+    Add --check to simulate the plan, --squeeze constant for a gripper that accepts one force, and --scenario mass=1.2
+    to withstand more. What each answer means: docs/howto/answers.md
     """
     from pinograsp.carry import ArmPath, plan_carry, save_carry, simulate_carry
     from pinograsp.cases import load_case

@@ -40,19 +40,21 @@ class MeaningOptions:
         complete=completion.complete_hands,
     )
     objects: Path = _files(
-        "Folder of the objects that the files name; or the file of the one object.", default=REQUIRED, metavar="DIR"
+        "Folder of the objects that the files name, or the file of the only object.", default=REQUIRED, metavar="DIR"
     )
     format: str = _files(
-        "Of the files: auto, or a name that the documentation lists.", default="auto", complete=completion.formats
+        "Format of the files: auto, or a name from the documentation.", default="auto", complete=completion.formats
     )
     convention: str | None = _files(
-        "What the files mean by their hand: a name that the documentation lists.", complete=completion.conventions
+        "Convention that the files use for their hand: a name from the documentation.", complete=completion.conventions
     )
-    frame: str | None = _files("Link of the hand whose frame the files tell the place of.", metavar="LINK")
-    joints: list[str] | None = _files("The hand's name of a joint; repeatable.", "--joint", metavar="FILE'S=HAND'S")
-    original: str | None = _files("The data set's own description of the hand, to compare with.", metavar="FILE")
-    mass: float | None = _files("Of each object \\[kg].")
-    density: float | None = _files("Of each object \\[kg/m^3], where --mass is not given.")
+    frame: str | None = _files("Link of the hand whose pose the files contain.", metavar="LINK")
+    joints: list[str] | None = _files(
+        "Name of a joint in the files and in the hand; repeatable.", "--joint", metavar="FILE'S=HAND'S"
+    )
+    original: str | None = _files("The data set's own description of the hand, to compare yours with.", metavar="FILE")
+    mass: float | None = _files("Mass of each object \\[kg].")
+    density: float | None = _files("Density of each object \\[kg/m^3], if --mass is not given.")
 
     def read(self, files: list[Path], described: HandOptions, protocol: Protocol | None) -> DataSet:
         """The files as a data set; masses of the objects as of the ``protocol`` where none are given."""
@@ -84,23 +86,28 @@ class ConditionOptions:
     """What a grasp must hold."""
 
     protocol: str | None = _condition(
-        "A benchmark of others, whose mass, friction and loads take the place of these.", complete=completion.protocols
+        "Use the mass, friction and loads of this published benchmark instead of the following options.",
+        complete=completion.protocols,
     )
     mu: float = _condition("Friction coefficient.", default=defaults.MU)
     tolerance: float | None = _condition(
-        f"Distance at which a link touches, outside or inside \\[m]; {defaults.TOUCHES:g}, or the protocol's."
+        f"Distance within which a link touches, outside or inside \\[m]; default: {defaults.TOUCHES:g}, or the "
+        "protocol's."
     )
     gravity: tuple[float, float, float] = _condition(
-        "In the object's frame, or its file's world \\[m/s^2].", default=defaults.GRAVITY, metavar="X Y Z"
+        "Gravity in the object's frame, or in the world of its file \\[m/s^2].",
+        default=defaults.GRAVITY,
+        metavar="X Y Z",
     )
-    reserve: bool = _condition("Ask for the reserve besides the weight.", default=True)
+    reserve: bool = _condition("Require the reserve besides the weight.", default=True)
     drives: bool = _condition(
-        "Ask for forces that the hand's drives can make; the table has it anyway.",
+        "Require forces that the hand's drives can produce; the table has this in any case.",
         "--ask-drives/--no-drives",
         default=True,
     )
     commanded: bool = _condition(
-        "Try grasps as commanded where the files have no commands, too: by references that make the certified torques.",
+        "Also try grasps as commanded if the files have no commands: with references that produce the "
+        "certified torques.",
         default=False,
     )
 
@@ -122,13 +129,15 @@ class TableOptions:
     """Where the answers are written."""
 
     out: Path = _output("Folder for the rows, as Parquet files.", default=REQUIRED, metavar="DIR")
-    back: Path | None = _output("Write the files again, with newtons, into this folder.", metavar="DIR")
-    picture: Path | None = _output("Picture of what holds, why not, and the newtons: .png or .svg.", metavar="FILE")
+    back: Path | None = _output("Write the files again, with forces, into this folder.", metavar="DIR")
+    picture: Path | None = _output(
+        "Draw which grasps hold, why others do not, and the forces: .png or .svg.", metavar="FILE"
+    )
 
 
 def certify(
     *,
-    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Files of grasps, or folders of them.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Files of grasps, or folders with such files.")],
     meaning: MeaningOptions,
     conditions: ConditionOptions,
     described: HandOptions,
@@ -144,7 +153,8 @@ def certify(
 
       pinograsp certify grasps --hand hand.xml --objects meshes --mass 1 --out all
 
-    With your data set's files in place; --back DIR writes them again, with newtons. In a job array: --shard I/N.
+    Replace these files by your data set's. With --back DIR they are written again, with forces. In a job array, use
+    --shard I/N.
     """
     from pinograsp.certification.protocols import find_protocol
     from pinograsp.sweep import certify_files, find_missing_grasps, written_back

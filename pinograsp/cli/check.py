@@ -41,26 +41,24 @@ _study = partial(option, "Further trials")
 class TrialOptions:
     """How a plan is simulated."""
 
-    hold: float = _simulation("How long the object is held after it was let go \\[s].", default=defaults.HOLD)
+    hold: float = _simulation("How long to simulate after the object is let go \\[s].", default=defaults.HOLD)
     control: str = _simulation(
-        "Of the joints: impedance (servos, with the plan's torques as feed-forward), position (servos alone), torque "
-        "(the plan's torques alone).",
+        "Control of the joints: impedance (servos, with the plan's torques as feed-forward), position (servos "
+        "alone) or torque (the plan's torques alone).",
         default="impedance",
         choices=completion.CONTROLS,
     )
     kp: str | None = _simulation(
-        "Stiffness of all servos, or of each \\[N m/rad, N/mm]; default: 50, 55.6.", metavar="K[,K...]"
+        "Stiffness of all servos, or of each servo \\[N m/rad, N/mm]; default: 50, 55.6.", metavar="K[,K...]"
     )
-    prescribed: bool = _simulation(
-        "Joints follow the commands exactly, instead of by servos.", "--prescribed", default=False
-    )
+    prescribed: bool = _simulation("Joints follow the commands exactly, without servos.", "--prescribed", default=False)
     support: str | None = _simulation(
-        "Of the object until the hand carries it: fixed (until the grasp is complete), table (it stands there freely: "
-        "a hit on the way moves it), none (from the impact time on). Default: table, if the plan has one, none, if it "
-        "has a reserve, or fixed.",
+        "Support of the object until the hand carries it: fixed (until the grasp is complete), table (the "
+        "object stands freely, and a collision moves it) or none (from the impact time on). Default: table if "
+        "the plan has one, none if it has a reserve, otherwise fixed.",
         choices=completion.SUPPORTS,
     )
-    time_step: float = _simulation("Of the simulation \\[s].", default=defaults.TIME_STEP)
+    time_step: float = _simulation("Time step of the simulation \\[s].", default=defaults.TIME_STEP)
 
     def settings(self, plan: GraspPlan) -> StudySettings:
         """By the names of :func:`~pinograsp.simulation.simulate`; :class:`InvalidInput` for what is none."""
@@ -88,28 +86,30 @@ class StudyOptions:
     """Further simulations."""
 
     monte_carlo: int = _study(
-        "Probability of holding: N trials with each random error alone (position, rotation, friction, mass, posture, "
-        "push; others by --errors) and N with all of them, 7 N in all. The same command continues an interrupted "
-        "study.",
+        "Estimate the probability of holding: N trials with each random error alone (position, rotation, "
+        "friction, mass, posture, push; others by --errors) and N with all of them, 7 N in all. The same "
+        "command continues an interrupted study.",
         default=0,
         metavar="N",
     )
     errors: str | None = _study(
-        "Sizes of the random errors in SI units, ranges as LOW:HIGH, as pinograsp.simulation.Errors has them; 0: none. "
-        "Besides the six there are stiffness=LOW:HIGH, joint_offset, joint_friction, servo_gain.",
+        "Sizes of the random errors in SI units, ranges as LOW:HIGH, by the names in "
+        "pinograsp.simulation.Errors; 0: none. Besides the six errors there are stiffness=LOW:HIGH, "
+        "joint_offset, joint_friction and servo_gain.",
         metavar="NAME=VALUE,...",
     )
     pose_errors: str | None = _study(
-        "The object N times where it is not said to be: displaced by MM and turned by DEG (5 and 5) in random "
-        "directions, on a table in its plane. How many are held, with the interval; continued as --monte-carlo.",
+        "Misplace the object N times, by MM and DEG (default: 5 and 5) in random directions, on a table "
+        "within its plane, and count how often it is held, with a confidence interval. The same command "
+        "continues an interrupted study.",
         metavar="N[,MM,DEG]",
     )
-    seed: int = _study("Of the random errors.", default=0)
+    seed: int = _study("Random seed of the errors.", default=0)
     thresholds: bool = _study(
         "Search for the smallest friction and the largest mass that still hold.", "--thresholds", default=False
     )
     what_holds: bool = _study(
-        "Where the object is lost: 10 to 25 more simulations, one change each, for what would have held.",
+        "If the object is lost, find what would have held it: 10 to 25 more simulations with one change each.",
         "--what-holds",
         default=False,
     )

@@ -25,11 +25,11 @@ class PairOptions:
     """A hand, and what it closes on."""
 
     hand: str = _thing(
-        "A hand of the catalogue, or its URDF, xacro or MJCF file.",
+        "A hand from the catalogue, or its URDF, xacro or MJCF file.",
         default=REQUIRED,
         complete=completion.complete_hands,
     )
-    object: str = _thing(f"What to close on, as {SPECS}.", default=REQUIRED, complete=completion.objects)
+    object: str = _thing(f"Object to close on, such as {SPECS}.", default=REQUIRED, complete=completion.objects)
 
 
 def close(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pinograsp.simulation.task import Task
     from pinograsp.spatial import Array
 
-_difference = partial(option, "What is otherwise than planned")
+_difference = partial(option, "Differences from the plan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,10 +26,12 @@ class DisturbanceOptions:
     """What is otherwise than planned."""
 
     push: list[str] | None = _difference(
-        "Force on the object \\[N], with ,MX,MY,MZ \\[N m] and @START+DURATION \\[s]; repeatable.", metavar="FX,FY,FZ"
+        "Push the object with this force \\[N], optionally with ,MX,MY,MZ \\[N m] and @START+DURATION \\[s]; "
+        "repeatable.",
+        metavar="FX,FY,FZ",
     )
     shake: str | None = _difference(
-        "Shake the hand with this acceleration \\[m/s^2], @FREQUENCY \\[Hz].", metavar="AX,AY,AZ"
+        "Shake the hand with this acceleration \\[m/s^2], optionally @FREQUENCY \\[Hz].", metavar="AX,AY,AZ"
     )
     mu: float | None = _difference("Friction coefficient instead of the plan's.")
     mass: float | None = _difference("Mass of the object instead of the plan's \\[kg].")
@@ -37,28 +39,31 @@ class DisturbanceOptions:
     turn: str | None = _difference("Rotation of the object \\[deg].", metavar="RX,RY,RZ")
     start_error: float = _difference("Offset of every joint at the start \\[deg, mm].", default=0.0)
     base_motion: Path | None = _difference(
-        "Accelerations of the hand's base: lines T,AX,AY,AZ, T after t_F \\[s, m/s^2]; linear between.",
+        "Accelerations of the hand's base: lines T,AX,AY,AZ with T after t_F \\[s, m/s^2], interpolated linearly.",
         metavar="FILE.csv",
     )
     base_path: Path | None = _difference(
-        "Positions of the hand's base: lines T,X,Y,Z, T after t_F \\[s, m]; a cubic spline from rest to rest.",
+        "Positions of the hand's base: lines T,X,Y,Z with T after t_F \\[s, m], joined by a cubic spline from "
+        "rest to rest.",
         metavar="FILE.csv",
     )
     stiffness: float = _difference(
-        "Factor on the contact law's K: above 1 the object is harder than assumed.", default=1.0
+        "Factor on the contact law's K; above 1 the object is stiffer than assumed.", default=1.0
     )
-    joint_friction: str | None = _difference("Dry friction of all joints, or of each \\[N m, N].", metavar="F[,F...]")
+    joint_friction: str | None = _difference(
+        "Dry friction of all joints, or of each joint \\[N m, N].", metavar="F[,F...]"
+    )
     joint_offset: str | None = _difference(
-        "Calibration error of all joints' encoders, or of each \\[deg, mm].", metavar="O[,O...]"
+        "Calibration error of all encoders, or of each encoder \\[deg, mm].", metavar="O[,O...]"
     )
     servo_gain: float = _difference(
         "Factor on the servos' gains; with --control torque, on the motors' torques.", default=1.0
     )
     drive_gain: str | None = _difference(
-        "What all drives, or each, make of what they are told: a factor.", metavar="G[,G...]"
+        "Share of the commanded effort that all drives produce, or each drive: a factor.", metavar="G[,G...]"
     )
     delay: str | None = _difference(
-        "How much later all drives, or each, follow their commands \\[ms].", metavar="D[,D...]"
+        "Delay with which all drives, or each drive, follow their commands \\[ms].", metavar="D[,D...]"
     )
 
     def read(self, task: Task) -> Disturbance:

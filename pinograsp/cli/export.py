@@ -23,7 +23,7 @@ _RATE = 1000.0  # [Hz]
 _ENDINGS = {"--csv": (".csv",), "--ros2": (".yaml", ".yml", ".json"), "--mujoco": (".xml",)}
 
 _file = partial(option, "What to write")
-_motor = partial(option, "What the motors are sent")
+_motor = partial(option, "Commands for the motors")
 _start = partial(option, "The start")
 
 
@@ -31,33 +31,41 @@ _start = partial(option, "The start")
 class FileOptions:
     """What is written, and what is in it."""
 
-    csv: Path | None = _file("A table: time, then each joint's position, velocity, ... (.csv).", metavar="FILE")
-    ros2: Path | None = _file("A message of ROS 2: a JointTrajectory (.yaml, .json).", "--ros2", metavar="FILE")
-    mujoco: Path | None = _file("MuJoCo's keyframes, controls beside them (.xml).", metavar="FILE")
+    csv: Path | None = _file("Write a table: time, then each joint's position, velocity, ... (.csv).", metavar="FILE")
+    ros2: Path | None = _file("Write a ROS 2 message, a JointTrajectory (.yaml, .json).", "--ros2", metavar="FILE")
+    mujoco: Path | None = _file(
+        "Write keyframes for MuJoCo, with the controls in a second file (.xml).", metavar="FILE"
+    )
     dexgraspbench: Path | None = _file(
-        "A grasp for DexGraspBench's evaluation, in a folder of them: postures before, at and after the grasp.",
+        "Write a grasp for DexGraspBench's evaluation into this folder: postures before, at and after the grasp.",
         "--dexgraspbench",
         metavar="DIR",
     )
     object_path: str | None = _file(
-        "With --dexgraspbench: the object's folder, as from its repository's root (assets/...).",
+        "With --dexgraspbench: the object's folder, relative to the root of its repository (assets/...).",
         "--object-path",
         metavar="PATH",
     )
-    object_scale: float = _file("With --dexgraspbench: of the object's mesh there.", "--object-scale", default=1.0)
+    object_scale: float = _file(
+        "With --dexgraspbench: scale of the object's mesh there.", "--object-scale", default=1.0
+    )
     units: str = _file(
-        "With --csv and --command: SI, or register (whole numbers of the drives' registers; of closing drives, with "
-        "--command jaw, speed and force limit).",
+        "With --csv and --command: SI, or register (whole numbers for the drives' registers; with --command "
+        "jaw, speed and force limit for closing drives).",
         default="SI",
         choices=completion.UNITS,
     )
-    followers: bool = _file("With --csv and --ros2: a column for coupled joints, too.", "--followers", default=False)
-    goal: bool = _file("With --ros2: a goal of FollowJointTrajectory, not the message alone.", "--goal", default=False)
-    effort: bool = _file("With --ros2: the message has the joints' torques.", default=True)
-    scene: bool = _file(
-        "With --mujoco: a scene that loads by itself: hand, object and motors.", "--scene", default=False
+    followers: bool = _file(
+        "With --csv and --ros2: also write columns for coupled joints.", "--followers", default=False
     )
-    force: bool = _file("Overwrite files.", "--force", default=False)
+    goal: bool = _file(
+        "With --ros2: write a goal of FollowJointTrajectory, not only the message.", "--goal", default=False
+    )
+    effort: bool = _file("With --ros2: include the joints' torques in the message.", default=True)
+    scene: bool = _file(
+        "With --mujoco: write a scene that loads by itself, with hand, object and motors.", "--scene", default=False
+    )
+    force: bool = _file("Overwrite existing files.", "--force", default=False)
 
     @property
     def places(self) -> dict[str, Path]:
@@ -108,22 +116,24 @@ class MotorOptions:
     """What the motors are sent."""
 
     command: str | None = _motor(
-        "torque, position (servos without feed-forward), impedance (servos with it) or jaw (force of a gripper, and "
-        "its widths where the jaws touch and at the end); default: the joints' motion with their torques.",
+        "What to command: torque, position (servos without feed-forward), impedance (servos with "
+        "feed-forward) or jaw (a gripper's force, and its widths when the jaws touch and at the end); "
+        "default: the joints' motion with their torques.",
         choices=completion.COMMANDS,
     )
     stiffness: str | None = _motor(
-        "Of all servos, or of each \\[N m/rad or N/m]; default: the hand's own.", metavar="K[,K...]"
+        "Stiffness of all servos, or of each servo \\[N m/rad or N/m]; default: the hand's own.", metavar="K[,K...]"
     )
-    damping: str | None = _motor("Of all servos, or of each \\[N m s/rad or N s/m].", metavar="D[,D...]")
+    damping: str | None = _motor("Damping of all servos, or of each servo \\[N m s/rad or N s/m].", metavar="D[,D...]")
     rate: float = _motor("Samples per second \\[Hz].", default=_RATE)
-    blend: float | None = _motor("How long it takes to lead across jumps of acceleration \\[s]; default: 0.01.")
+    blend: float | None = _motor("Time in which to bridge jumps of acceleration \\[s]; default: 0.01.")
     start: str | None = _start(
-        "Where the hand is, its joints in the order of q that 'pinograsp hands NAME' tells \\[rad or m]: a straight "
-        "way from there, unchecked, comes first.",
+        "Posture in which the hand is now \\[rad or m], joints in the order of q that 'pinograsp hands NAME' "
+        "prints. The trajectory then starts with a straight path from there, which is not checked for "
+        "collisions.",
         metavar="Q,Q,...",
     )
-    lead: float | None = _start("How long the way from --start takes, or waiting \\[s]; default: slowly.")
+    lead: float | None = _start("Duration of the path from --start, or of waiting \\[s]; default: slowly.")
 
     def settings(self) -> dict[str, Any]:
         """Those that are given, by the names of the functions that write."""

@@ -32,14 +32,16 @@ def hands(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="A hand of the catalogue, or a URDF, xacro or MJCF file; none: the catalogue.",
+            help="A hand from the catalogue, or a URDF, xacro or MJCF file; without a name, the catalogue is listed.",
             autocompletion=completion.complete_hands,
         ),
     ] = None,
     arm: ArmOptions,
     write_drives: Annotated[
         bool,
-        typer.Option("--write-drives", help="Print the data sheet of its drives; --drives without a file does, too."),
+        typer.Option(
+            "--write-drives", help="Print the data sheet of the hand's drives; --drives without a file does the same."
+        ),
     ] = False,
     session: Session,
 ) -> None:
@@ -54,7 +56,7 @@ def hands(
 
       pinograsp hands so101 --drives
 
-    A file of your own: its path, with --root, --package and --arg where it needs them.
+    For your own file, give its path, with --root, --package and --arg if it needs them.
     """
     from pinograsp.hands import load_hand
     from pinograsp.hands.catalogue import CATALOGUE

@@ -30,31 +30,31 @@ class LogOptions:
     """How logs are to be read."""
 
     columns: list[str] | None = _log(
-        "Column of a quantity: time, position, force, speed (commanded), limit (of the force); or a number that "
-        "holds for all of it. Repeatable. Default: columns of these names.",
+        "Column of a quantity: time, position, force, speed (commanded) or limit (of the force); or a number, "
+        "if the quantity is constant. Repeatable. Default: columns of these names.",
         "--column",
         metavar="QUANTITY=COLUMN",
     )
     units: list[str] | None = _log(
-        "Unit of a quantity. Of position (count, rad, deg, m, mm) and force (count, N, mN, gf) it must be told, time "
-        "is in s. Repeatable.",
+        "Unit of a quantity; required for position (count, rad, deg, m, mm) and force (count, N, mN, gf). "
+        "Time is in s. Repeatable.",
         "--unit",
         metavar="QUANTITY=UNIT",
     )
     hand: str | None = _log(
-        "Hand that moved freely: the log has columns JOINT/position \\[rad or m] and DRIVE/effort \\[register units].",
+        "Hand that moved freely; the log has columns JOINT/position \\[rad or m] and DRIVE/effort \\[register units].",
         complete=completion.complete_hands,
     )
     gravity: str = _log(
-        "With --hand: gravity in the frame of the hand's root as it stood \\[m/s^2].",
+        "With --hand: gravity in the frame of the hand's root during the log \\[m/s^2].",
         default="0,0,-9.81",
         metavar="X,Y,Z",
     )
     masses: list[str] | None = _log(
-        "With --hand: known mass that was fixed to a link \\[kg]; repeatable.", "--mass", metavar="LINK=KG"
+        "With --hand: known mass that was attached to a link \\[kg]; repeatable.", "--mass", metavar="LINK=KG"
     )
     newtons: str | None = _log(
-        "Newtons of force in counts: slope and offset, as a scale tells.", metavar="SLOPE,OFFSET"
+        "Conversion of force counts to newtons: slope and offset, calibrated with a scale.", metavar="SLOPE,OFFSET"
     )
 
 
@@ -63,13 +63,13 @@ class SheetOptions:
     """What is made of logs."""
 
     cap: list[float] | None = _sheet(
-        "Largest force that a touch may come to \\[N, or counts]; repeatable.", metavar="N"
+        "Find the fastest touch that stays below this force \\[N, or counts]; repeatable.", metavar="N"
     )
     force: list[float] | None = _sheet(
-        "Force that is wanted \\[N, or counts]: which speed and limit make it; repeatable.", "--for-force", metavar="N"
+        "Find the speed and limit that produce this force \\[N, or counts]; repeatable.", "--for-force", metavar="N"
     )
     out: Path | None = _sheet("Write a data sheet of drives (.toml).", metavar="FILE")
-    drive: str = _sheet("With --out: name of the drive, or a pattern as finger_*.", default="*", metavar="NAME")
+    drive: str = _sheet("With --out: name of the drive, or a pattern such as finger_*.", default="*", metavar="NAME")
     overwrite: bool = _sheet("Overwrite the file.", "--force", default=False)
 
 
@@ -80,16 +80,16 @@ def identify(
     sheet: SheetOptions,
     session: Session,
 ) -> None:
-    """Identify how hard a real finger presses, from logs of it closing on a stop: by speed and force limit. With
-    --hand: what its drives make of their registers, from a log of its free motion.
+    """Identify how hard a real finger presses, by speed and force limit, from logs of it closing on a stop. With
+    --hand: identify what effort its drives produce per register unit, from a log of its free motion.
 
     Examples:
       pinograsp identify log.csv --unit position=count --unit force=count
 
       pinograsp identify motion.csv --hand allegro_right --out drives.toml
 
-    With --newtons 0.0065,0.02 forces are in newtons, --cap 4 tells the fastest touch under 4 N, and --out
-    hand.drives.toml writes a data sheet, which plans read beside hand.urdf.
+    With --newtons 0.0065,0.02 forces are in newtons; --cap 4 finds the fastest touch under 4 N; --out hand.drives.toml
+    writes a data sheet, which plans read beside hand.urdf.
     """
     if sheet.out is not None:
         if sheet.out.suffix != ".toml":

@@ -19,13 +19,15 @@ _ENDINGS = (".yaml", ".yml")
 
 def new(
     *,
-    file: Annotated[Path, typer.Argument(help="What to write: a name that ends in .yaml.")],
-    search: Annotated[bool, typer.Option("--search", help="A hand and an object, whose grasps are searched.")] = False,
-    sweep: Annotated[bool, typer.Option("--sweep", help="A sweep instead of a case.")] = False,
+    file: Annotated[Path, typer.Argument(help="File to write; its name ends in .yaml.")],
+    search: Annotated[
+        bool, typer.Option("--search", help="Write a case with a hand and an object, for which grasps are searched.")
+    ] = False,
+    sweep: Annotated[bool, typer.Option("--sweep", help="Write a sweep instead of a case.")] = False,
     force: Annotated[bool, force_option("FILE")] = False,
     session: Session,
 ) -> None:
-    """Write a case file, or a sweep file, to start from: it runs as it is, and explains each key.
+    """Write a case file, or a sweep file, to start from; it runs as it is and explains each key.
 
     Examples:
       pinograsp new case.yaml && pinograsp plan case.yaml

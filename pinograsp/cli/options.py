@@ -26,35 +26,37 @@ _hand = partial(option, "How to read the hand")
 _grasp = partial(option, "Where to grasp")
 _wish = partial(option, "How to hold it (with --hand and --object)")
 _friction = partial(option, "Friction")
-_work = partial(option, "Who works")
+_work = partial(option, "Parallel work")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HandOptions:
     """How a hand's file is to be read."""
 
-    root: str | None = _hand("Link whose sub-tree is the hand, on an arm or a robot.")
-    palm: str | None = _hand("Link that the fingers start from; default: where chains part.")
+    root: str | None = _hand("Link whose sub-tree is the hand, if the file also has an arm or a robot.")
+    palm: str | None = _hand("Link from which the fingers start; default: where the kinematic chains part.")
     fingers: list[str] | None = _hand(
-        "A finger's name and its last link; repeatable: these alone.", "--finger", metavar="NAME=LINK"
+        "A finger's name and its last link; repeatable. Other fingers are then ignored.",
+        "--finger",
+        metavar="NAME=LINK",
     )
     packages: list[str] | None = _hand(
-        "Folder of a ROS package, for files; repeatable.", "--package", metavar="NAME=DIR"
+        "Folder of a ROS package that the file refers to; repeatable.", "--package", metavar="NAME=DIR"
     )
-    arguments: list[str] | None = _hand("Argument of a xacro file; repeatable.", "--arg", metavar="NAME=VALUE")
+    arguments: list[str] | None = _hand("Argument for a xacro file; repeatable.", "--arg", metavar="NAME=VALUE")
     trusted: bool = _hand(
-        "Let the hand's xacro run code and read any file: for your own files only.", "--trusted", default=False
+        "Let the hand's xacro run code and read any file; only for files that you trust.", "--trusted", default=False
     )
     masses: str = _hand(
-        "Of links without any: estimate (from their shapes) or file (massless).",
+        "Masses of links that have none: estimate (from their shapes) or file (massless).",
         default="estimate",
         choices=completion.MASSES,
     )
-    exclude: list[str] | None = _hand("Link that is not to touch; repeatable.", "--exclude", metavar="LINK")
-    srdf: str | None = _hand("SRDF with pairs of links that may overlap.", metavar="FILE")
+    exclude: list[str] | None = _hand("Link that must not touch anything; repeatable.", "--exclude", metavar="LINK")
+    srdf: str | None = _hand("SRDF file with pairs of links that may overlap.", metavar="FILE")
     sheet: str | None = _hand(
-        "Data sheet of its drives: a file (.toml), or one of the package, as leap; default: HAND.drives.toml beside "
-        "the hand's file.",
+        "Data sheet of the hand's drives: a .toml file, or the name of a sheet in the package, such as leap; "
+        "default: HAND.drives.toml beside the hand's file.",
         "--drives",
         metavar="FILE",
     )
@@ -85,7 +87,9 @@ class ArmOptions(HandOptions):
     """The same of a hand that may be on an arm."""
 
     posture: list[str] | None = _hand(
-        "Where a joint of an arm or wrist stays \\[rad or m]; repeatable.", "--posture", metavar="JOINT=VALUE"
+        "Position at which a joint of an arm or wrist stays \\[rad or m]; repeatable.",
+        "--posture",
+        metavar="JOINT=VALUE",
     )
 
     def settings(self) -> dict[str, Any]:
@@ -105,18 +109,20 @@ class ArmOptions(HandOptions):
 class GraspOptions:
     """Where a hand is to hold an object, and with which friction."""
 
-    at: str | None = _grasp("Object in the hand's frame, x,y,z\\[,roll,pitch,yaw] \\[m, deg]; default: searched.")
-    samples: int = _grasp("Without --at: grasps to try.", default=defaults.GRASPS)
-    seed: int = _grasp("Without --at: seed of the search.", default=0)
+    at: str | None = _grasp(
+        "Pose of the object in the hand's frame, x,y,z\\[,roll,pitch,yaw] \\[m, deg]; default: search for one."
+    )
+    samples: int = _grasp("Without --at: number of grasps to try.", default=defaults.GRASPS)
+    seed: int = _grasp("Without --at: random seed of the search.", default=0)
     wrap: bool = _grasp("Wrap the fingers round the object (power grasp).", "--wrap", default=False)
-    hulls: bool = _grasp("Take the convex hulls of the hand's meshes, as physics engines do.", default=True)
+    hulls: bool = _grasp("Use the convex hulls of the hand's meshes, as physics engines do.", default=True)
     mu: float = _friction("Friction coefficient of the search and the plan.", default=defaults.MU)
     friction: str | None = _friction(
-        "Friction of the search and the plan: pyramid, cone or soft (torsion 5 mm). Default: cone, and soft where two "
-        "fingers touch.",
+        "Friction model of the search and the plan: pyramid, cone or soft (torsion 5 mm); default: cone, or "
+        "soft if two fingers touch.",
         choices=completion.FRICTION,
     )
-    safety: float = _friction("Friction is used up to mu / safety.", default=1.0)
+    safety: float = _friction("Safety factor: plan with friction up to mu / safety.", default=1.0)
 
     def settings(self) -> dict[str, Any]:
         """By the names of a case of hand and object; :class:`InvalidInput` for texts that are no such numbers."""
@@ -131,23 +137,31 @@ class WishOptions:
     """How an object is to be held."""
 
     touching_fingers: str | None = _wish(
-        "Names of the fingers that alone may touch it.", "--fingers", metavar="NAME,NAME,..."
+        "Only these fingers may touch the object.", "--fingers", metavar="NAME,NAME,..."
     )
-    least_fingers: int | None = _wish("That touch it; 2 for pinches. Default: 3 are preferred.")
+    least_fingers: int | None = _wish(
+        "Least number of fingers that touch the object; 2 allows pinches. Default: 3 are preferred."
+    )
     within: str | None = _wish(
-        "Part outside which nothing touches: a name that the object's file has, or lower and upper corner of a box in "
-        "the object's frame \\[m].",
+        "Touch the object only within this part: a name from the object's file, or the lower and upper corner "
+        "of a box in the object's frame \\[m].",
         metavar="PART",
     )
-    touching: list[str] | None = _wish("Part that a finger touches; repeatable.", metavar="PART")
-    forbidden: list[str] | None = _wish("Part that nothing touches; repeatable.", metavar="PART")
+    touching: list[str] | None = _wish("Part that a finger must touch; repeatable.", metavar="PART")
+    forbidden: list[str] | None = _wish("Part that nothing may touch; repeatable.", metavar="PART")
     approach: str | None = _wish(
         "Side from which the hand approaches: above, below, side, or a direction x,y,z\\[,cone in deg]\\[,object].",
         metavar="SIDE",
     )
     edges: bool = _wish("Contacts may lie on edges of the object.", "--edges/--no-edges", default=True)
-    palm_touches: bool | None = _wish("The palm touches, too, or does not.", "--palm-touches/--no-palm", default=None)
-    opening: float = _wish("How far it may be displaced before the open hand is in its way \\[m].", default=0.0)
+    palm_touches: bool | None = _wish(
+        "Require or forbid contact with the palm.", "--palm-touches/--no-palm", default=None
+    )
+    opening: float = _wish(
+        "Room around the object before the hand closes: how far the object may be displaced without touching "
+        "the open hand \\[m].",
+        default=0.0,
+    )
 
     def settings(self) -> dict[str, Any]:
         """By the names of a case of hand and object: those that were given."""
@@ -164,16 +178,18 @@ class WishOptions:
 class WorkerOptions:
     """Who works on many things at once."""
 
-    jobs: int = _work("Processes; -1: all cores.", default=-1)
+    jobs: int = _work("Number of processes; -1: all cores.", default=-1)
     executor: str = _work(
-        "joblib: this machine, or dask: the cluster of --scheduler.", default="joblib", choices=completion.EXECUTORS
+        "Where to run: joblib (this machine) or dask (the cluster of --scheduler).",
+        default="joblib",
+        choices=completion.EXECUTORS,
     )
-    scheduler: str | None = _work("Of a Dask scheduler, such as tcp://10.0.0.1:8786.", metavar="ADDRESS")
+    scheduler: str | None = _work("Address of a Dask scheduler, such as tcp://10.0.0.1:8786.", metavar="ADDRESS")
     shard: str | None = _work(
-        "Do the I-th of N shares alone, beside N - 1 others that write into the same folder.", metavar="I/N"
+        "Compute only share I of N, beside N - 1 other calls that write into the same folder.", metavar="I/N"
     )
     missing: bool = _work(
-        "Compute nothing: say how many rows are missing, and of which shards; exit code 3 where any are.",
+        "Compute nothing; print how many rows are missing, and from which shards. Exit code 3 if any are missing.",
         "--missing",
         default=False,
     )
@@ -202,7 +218,7 @@ def tell_missing(missing: Missing, folder: Path, session: Session) -> NoReturn:
 
 
 RunFolder = Annotated[
-    Path, typer.Argument(help="Folder of a run: what 'pinograsp plan' has written.", autocompletion=completion.runs)
+    Path, typer.Argument(help="Folder of a run, written by 'pinograsp plan'.", autocompletion=completion.runs)
 ]
 
 

@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from pinograsp.spatial import Array
 
 _REMARKS = 3  # cautions on the first screen
-_PLACE = "x,y,z\\[,roll,pitch,yaw] of its frame, or x,y: it stands on the table \\[m, deg]"
+_PLACE = "x,y,z\\[,roll,pitch,yaw] of its frame, or x,y if it stands on the table \\[m, deg]"
 _REGION = "or anywhere in x1:x2,y1:y2\\[,z]"
 
-_what = partial(option, "What is picked")
-_around = partial(option, "What stands around")
+_what = partial(option, "What to pick")
+_around = partial(option, "Surroundings")
 _mount = partial(option, "A hand from another file")
 
 
@@ -40,28 +40,31 @@ class PickOptions:
     """Robot, object, and where it goes."""
 
     robot: str = argument(
-        "Arm and hand: a file, or a hand of the catalogue whose file has an arm, read by --root to --posture.",
+        "Arm and hand: a file, or a hand from the catalogue whose file has an arm, read with the options "
+        "--root to --posture.",
         complete=completion.complete_hands,
     )
-    object: str = argument(f"What to pick, as {SPECS}.", complete=completion.objects)
-    at: str = _what(f"Where it is: {_PLACE}.", default=REQUIRED, metavar="PLACE")
-    to: str | None = _what(f"Where it is to be put, likewise, {_REGION}; default: it is lifted.", metavar="PLACE")
-    lift: float = _what("How far straight up \\[m].", default=0.1)
-    upright: float | None = _what("How far it may tilt on the way \\[deg]; default: anyhow.")
-    object_speed: float | None = _what("How fast it may go \\[m/s]; default: as fast as the arm.")
+    object: str = argument(f"Object to pick, such as {SPECS}.", complete=completion.objects)
+    at: str = _what(f"Place of the object: {_PLACE}.", default=REQUIRED, metavar="PLACE")
+    to: str | None = _what(f"Place where to put it, likewise, {_REGION}; default: only lift it.", metavar="PLACE")
+    lift: float = _what("How far to lift the object straight up \\[m].", default=0.1)
+    upright: float | None = _what("How far the object may tilt on the way \\[deg]; default: any tilt.")
+    object_speed: float | None = _what("How fast the object may move \\[m/s]; default: as fast as the arm.")
     mu: float = _what("Friction coefficient.", default=defaults.MU)
-    seed: int = _what("Of all that is random.", default=0)
-    rate: float = _what("Of the trajectory's samples \\[Hz].", default=500.0)
-    check: bool = _what("Simulate it, too.", "--check", default=False)
+    seed: int = _what("Random seed.", default=0)
+    rate: float = _what("Sampling rate of the trajectory \\[Hz].", default=500.0)
+    check: bool = _what("Also simulate the pick.", "--check", default=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MountOptions:
     """Arm and hand from two files."""
 
-    hand: str | None = _mount("Its file, or a hand of the catalogue.", complete=completion.complete_hands)
-    link: str | None = _mount("Of the robot, that the hand is fixed to.")
-    remove: list[str] | None = _mount("Link that is left out with what it carries; repeatable.", metavar="LINK")
+    hand: str | None = _mount("File of the hand, or a hand from the catalogue.", complete=completion.complete_hands)
+    link: str | None = _mount("Link of the robot to which the hand is fixed.")
+    remove: list[str] | None = _mount(
+        "Link of the robot to leave out with everything that it carries; repeatable.", metavar="LINK"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +73,11 @@ class AroundOptions:
 
     table: float = _around("Height of the table \\[m].", default=0.0)
     boxes: list[str] | None = _around(
-        "A box on the world's axes, edges and middle \\[m]; repeatable.", "--box", metavar="NAME=dx,dy,dz,x,y,z"
+        "Obstacle: a box along the world's axes, edge lengths and centre \\[m]; repeatable.",
+        "--box",
+        metavar="NAME=dx,dy,dz,x,y,z",
     )
-    clearance: float = _around("Distance kept from all that \\[m].", default=0.01)
+    clearance: float = _around("Distance to keep from table and obstacles \\[m].", default=0.01)
 
 
 def pick(
@@ -85,14 +90,14 @@ def pick(
     force: Annotated[bool, force_option("earlier results in --out")] = False,
     session: Session,
 ) -> None:
-    r"""Pick an object from a table with an arm, carry it and put it down: grasp, ways, timing and torques.
+    r"""Pick an object from a table with an arm, carry it and put it down: grasp, paths, timing and torques.
 
     Examples:
       pinograsp pick panda sphere:radius=0.03,mass=0.1 --at 0.5,0.2 --to 0.5,-0.2
 
-    Add --check to simulate it, --box wall=0.02,0.3,0.2,0.5,0,0.1 for what is in the way, --upright 10 for what is
-    full, --to 0.4:0.6,-0.3:-0.1 for anywhere in there, --hand and --link for a hand on another arm, --posture for where
-    the arm starts. Needs the extra arm: pip install 'pinograsp\[arm]'
+    Add --check to simulate the pick, --box wall=0.02,0.3,0.2,0.5,0,0.1 for an obstacle, --upright 10 for a full object,
+    --to 0.4:0.6,-0.3:-0.1 for anywhere in a rectangle, --hand and --link for a hand on another arm, and --posture for
+    the arm's start. Needs the extra arm: pip install 'pinograsp\[arm]'
     """
     from pinograsp.forces import GraspConditions
     from pinograsp.objects import object_from

@@ -30,8 +30,8 @@ _BESIDE_PAPER = ("impact time t_I", "friction used", "it withstands")  # which t
 _SOME = 6  # contacts that are named one by one
 
 _thing = partial(option, "What to grasp")
-_pair = partial(option, "With --hand and --object alone")
-_case = partial(option, "With a case alone")
+_pair = partial(option, "Only with --hand and --object")
+_case = partial(option, "Only with a case")
 _forces = partial(option, "Forces")
 
 
@@ -53,12 +53,17 @@ class ForceOptions:
     """How contact forces are chosen."""
 
     search: str | None = _forces(
-        "hybrid, paper, paper+qp (grids) or convex (certified optimum).", choices=completion.SEARCHES
+        "How to choose forces: hybrid, paper, paper+qp (grids) or convex (certified optimum).",
+        choices=completion.SEARCHES,
     )
-    balance: str | None = _forces("force (the paper) or wrench (forces and moments).", choices=completion.BALANCES)
-    measure: str | None = _forces("impulse \\[N s] or work \\[J].", choices=completion.MEASURES)
+    balance: str | None = _forces(
+        "What to balance: force (as in the paper) or wrench (forces and moments).", choices=completion.BALANCES
+    )
+    measure: str | None = _forces(
+        "Measure of the grasp energy: impulse \\[N s] or work \\[J].", choices=completion.MEASURES
+    )
     solver: str | None = _forces(
-        "auto, newton, interior, or a QP solver that is there: daqp, clarabel, osqp...", choices=completion.SOLVERS
+        "auto, newton, interior, or an installed QP solver: daqp, clarabel, osqp...", choices=completion.SOLVERS
     )
 
 
@@ -66,18 +71,18 @@ class ForceOptions:
 class AloneOptions:
     """What goes with a hand and an object alone, which a case file says otherwise; and with a case alone."""
 
-    table: bool = _pair("The object stands on a table: the hand keeps above it.", "--table", default=False)
+    table: bool = _pair("The object stands on a table, and the hand stays above it.", "--table", default=False)
     torque_limit: float | None = _pair(
-        "Of every joint \\[N m or N], where it is below the effort limit of the hand's file, which may be far too "
-        "generous, or that looks like a placeholder."
+        "Torque limit of every joint \\[N m or N]. It applies if it is below the effort limit of the hand's "
+        "file, which may be far too generous, or if that limit looks like a placeholder."
     )
     check: bool = _pair(
-        "Simulate the grasps that were found, at rest and shaken, and take one that is held.", "--check", default=False
+        "Simulate the grasps that were found, at rest and shaken, and take one that holds.", "--check", default=False
     )
     reserve: str | None = _pair(
-        "What to withstand besides the weight: none, default, or some of disturbance, moment_arm, mass, friction, "
-        "normal_force, torque, softer, stiffer, drive: disturbance=0.5,mass=0.2 (shares; moment_arm \\[m]; softer, "
-        "stiffer: factors on the contacts' stiffness).",
+        "What to withstand besides the weight: none, default, or values such as disturbance=0.5,mass=0.2. "
+        "Names: disturbance, mass, friction, normal_force, torque, drive (shares), moment_arm \\[m], softer, "
+        "stiffer (factors on the contacts' stiffness).",
         choices=completion.RESERVES,
     )
     tasks: list[str] | None = _pair(
@@ -90,7 +95,9 @@ class AloneOptions:
         "Change a value of the case; repeatable.", "--set", metavar="KEY=VALUE", complete=completion.keys
     )
     compare: bool = _case(
-        "With the case 'paper': its figures beside ours, on the screen and in the report.", "--compare", default=False
+        "With the case 'paper': show its figures beside ours, on the screen and in the report.",
+        "--compare",
+        default=False,
     )
 
     def settings(self) -> dict[str, Any]:
@@ -105,13 +112,13 @@ class WhatOptions:
     """What is planned: a case, or a hand and an object."""
 
     case: str | None = argument(
-        "A built-in case ('paper') or a case file ('pinograsp new' writes one); none: --hand and --object.",
+        "A built-in case ('paper') or a case file ('pinograsp new' writes one); not with --hand and --object.",
         complete=completion.cases,
     )
     hand: str | None = _thing(
-        "With --object: a hand of the catalogue, or its file.", complete=completion.complete_hands
+        "With --object: a hand from the catalogue, or its file.", complete=completion.complete_hands
     )
-    object: str | None = _thing(f"With --hand: what to hold, as {SPECS}.", complete=completion.objects)
+    object: str | None = _thing(f"With --hand: object to hold, such as {SPECS}.", complete=completion.objects)
 
 
 def plan(
@@ -143,7 +150,7 @@ def plan(
 
       pinograsp plan --hand g1_right --object sphere:radius=0.04,mass=0.1 --wrap
 
-    A case of your own: pinograsp new case.yaml && pinograsp plan case.yaml
+    To plan your own case: pinograsp new case.yaml && pinograsp plan case.yaml
 
     What each answer means: docs/howto/answers.md
     """

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _FELT = ("forces", "slips")
 
-_reflex = partial(option, "A squeeze that follows what is felt")
+_reflex = partial(option, "Reaction to touch and slip")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,18 +27,19 @@ class ReflexOptions:
     """The plan's grip controller in the loop."""
 
     reflex: bool = _reflex(
-        "From t_F on the plan's grip_controller makes the squeeze; told beside the plan's own.",
+        "From t_F on, the plan's grip_controller commands the squeeze; the result is shown beside that of the "
+        "plan's own squeeze.",
         "--reflex",
         default=False,
     )
     feels: str | None = _reflex(
-        "What the hand feels: forces (vectors), normal_forces, slips, torques (of joints, by their currents), wrench, "
-        "acceleration; default: forces,slips.",
+        "What the hand's sensors measure: forces (vectors), normal_forces, slips, torques (of joints, by "
+        "their currents), wrench, acceleration; default: forces,slips.",
         metavar="NAME,...",
     )
     sensors: str | None = _reflex(
-        "How well, in SI units, as pinograsp.simulation.Sensors has it: noise, offset, delay, loss, resolution, "
-        "period, seed.",
+        "How well the sensors measure, in SI units, by the names in pinograsp.simulation.Sensors: noise, "
+        "offset, delay, loss, resolution, period, seed.",
         metavar="NAME=VALUE,...",
     )
 

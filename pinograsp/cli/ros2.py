@@ -17,7 +17,7 @@ RosArguments = Annotated[
     typer.Option(
         _ROS,
         metavar="-p NAME:=VALUE -r FROM:=TO",
-        help="All that follows, up to -- or the end, is for ROS: parameters, topics.",
+        help="Everything that follows, up to -- or the end, is for ROS: parameters, topics.",
     ),
 ]
 
@@ -40,14 +40,15 @@ class CommandWithRosArguments(TyperCommand):
 
 
 def hold(*, run: RunFolder, ros: RosArguments = None, session: Session) -> None:
-    """Hold the object of a plan that the hand has grasped: the squeeze follows what is felt.
+    """Hold the object of a plan that the hand has grasped: the squeeze reacts to its sensors.
 
-    Until SIGINT or SIGTERM; the last command stays with the drives. Needs ROS 2, or the extra ros2.
+    It ends with SIGINT or SIGTERM; the drives keep the last command. Needs ROS 2, or the extra ros2.
 
     Examples:
       pinograsp ros2 hold runs/paper --ros-args -p rate:=250
 
-    Where joint states tell efforts, it starts with those: it can be stopped and started again while the object is held.
+    If joint states have efforts, it starts from those, so that it can be stopped and started again while the object is
+    held.
     """
     _run(run, ros, session, plays=False, reflex=True)
 
@@ -56,14 +57,15 @@ def play(
     *,
     run: RunFolder,
     reflex: Annotated[
-        bool, typer.Option("--reflex/--no-reflex", help="Hold with the reflex afterwards, or with the last command.")
+        bool,
+        typer.Option("--reflex/--no-reflex", help="Hold with the reflex afterwards, or with the plan's last command."),
     ] = True,
     ros: RosArguments = None,
     session: Session,
 ) -> None:
     """Play a plan from where the hand is: approach, closing, then hold as pinograsp ros2 hold.
 
-    Needs joint states, and a controller that takes the commands.
+    Needs joint states, and a controller that accepts the commands.
 
     Examples:
       pinograsp ros2 play runs/paper --ros-args -p stiffness:=5.0 -p interface:=position
@@ -89,7 +91,7 @@ Examples:
 
   pinograsp ros2 hold runs/paper --ros-args -r commands:=/hand/commands
 
-Parameters and topics go behind --ros-args; play --no-reflex ends with the plan's last command.
+Parameters and topics follow --ros-args; play --no-reflex ends with the plan's last command.
 """,
 )
 for function in (play, hold):

@@ -78,7 +78,7 @@ Quiet = Annotated[
     bool, _flag("--quiet", "-q", callback=_set_quiet, help="Print only errors; the exit code gives the result.")
 ]
 Verbose = Annotated[
-    bool, _flag("--verbose", "-v", callback=_set_verbose, help="Print all there is, and the traceback of an error.")
+    bool, _flag("--verbose", "-v", callback=_set_verbose, help="Print everything, including the traceback of an error.")
 ]
 _COMMON = {"as_json": Json, "quiet": Quiet, "verbose": Verbose}
 

@@ -28,17 +28,18 @@ class PageOptions:
 
     html: Path | None = _shown("Write a page that needs no server and no network.", metavar="FILE")
     png: Path | None = _shown(
-        "Write a picture, without a screen: .png, .svg or .pdf; .gif or .mp4: it moves, and the forces grow.",
+        "Write a picture (.png, .svg or .pdf) or a film in which the hand moves and the forces grow (.gif or "
+        ".mp4); needs no screen.",
         metavar="FILE",
     )
     side: str | None = _shown(
-        "With --png: where the camera is: front, back, side, top, or a direction X,Y,Z in the world; default: where "
-        "little hides the contacts.",
+        "With --png: direction of the camera: front, back, side, top, or X,Y,Z in the world; default: a "
+        "direction with a good view of the contacts.",
         "--from",
         metavar="WHERE",
     )
     check: Path | None = _shown("Folder of a check to show beside the plan; default: the newest in the run.")
-    port: int = _shown("Port of the live page; the next free one is used.", default=8080)
+    port: int = _shown("Port of the live page; if it is taken, the next free one is used.", default=8080)
     browser: bool = _shown("Open the live page in a browser.", default=True)
 
 
