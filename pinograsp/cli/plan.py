@@ -112,7 +112,7 @@ class WhatOptions:
     """What is planned: a case, or a hand and an object."""
 
     case: str | None = argument(
-        "A built-in case ('paper') or a case file ('pinograsp new' writes one); not with --hand and --object.",
+        "A built-in case ('paper') or a case file ('pinograsp new' writes one); without it, give --hand and --object.",
         complete=completion.cases,
     )
     hand: str | None = _thing(
