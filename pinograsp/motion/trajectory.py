@@ -199,7 +199,7 @@ class _Planning:
                 self.follow_all(gentle.path)
                 for finger in self.closing:
                     self.note_jumps(finger, gentle.jumps)
-            met = obstacles.meet(self.path.q, self.times, (1 - last_part) * self.impact)  # up to the last part
+            met = obstacles.meet(self.path.q, self.times, (1 - last_part) * self.impact, self.impact)
             if met is None:
                 return
             tried.append((met.depth, met.text, gentle.path))

@@ -38,7 +38,7 @@ from pinograsp.synthesis.found import SOUND
 FAR = 0.02  # slip of a contact while it presses, relative to the object's size
 _OTHER = 0.1  # share by which a force at rest is another one than planned
 _TRIES = 4  # plans that are not firm, or lose misplaced objects, before the best of them is taken
-_MOST_FAULTS = 6  # that :func:`_count_faults` counts
+_MOST_FAULTS = 7  # that :func:`_count_faults` counts, and a squeeze that crushes
 _SHAKEN = 0.5  # of the acceleration that the reserve's force stands for
 
 
@@ -114,7 +114,9 @@ def plan_each(
             if refused is not None:
                 refused.append((error, task))
             continue
-        faults = _count_faults(plan, closure) if plan.status is Status.OK else _MOST_FAULTS + 1
+        faults = _MOST_FAULTS + 1
+        if plan.status is Status.OK:
+            faults = _count_faults(plan, closure) + int(grasp.crushes)
         if check and plan.status is Status.OK:
             plan, held = _check(plan)
             faults += 0 if held else _MOST_FAULTS
@@ -129,7 +131,7 @@ def plan_each(
                 continue
         heapq.heappush(waiting, one)
         tried += plan.status is Status.OK
-        if tried >= _TRIES or (waiting[0].plan.status is Status.OK and grasp.sound < SOUND):
+        if tried >= _TRIES or (tried > 1 and grasp.sound < SOUND):  # two of those that are not sound
             yield _take_best(waiting)
     while waiting:
         yield _take_best(waiting)

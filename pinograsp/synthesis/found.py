@@ -114,7 +114,12 @@ class FoundGrasp:
         0: does not withstand it.
         """
         firm = self.doubtful <= DOUBTFUL and self.displacement <= AWAY
-        return int(self.withstands) * (SOUND if self._within(_CRUSHING) and firm else 1)
+        return int(self.withstands) * (SOUND if firm and not self.crushes else 1)
+
+    @property
+    def crushes(self) -> bool:
+        """Whether its squeeze is more than many times the weight."""
+        return not self._within(_CRUSHING)
 
     @property
     def gentle(self) -> bool:

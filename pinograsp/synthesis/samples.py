@@ -89,7 +89,7 @@ def make_search_case(
 ) -> SearchCase:
     """Preshapes of the hand and pairs of the object, which all samples draw from."""
     check = WishCheck(wishes, hand, body, conditions.gravity_o)
-    prepared = _prepare_hand(hand, check.fingers)
+    prepared = prepare_hand(hand, check.fingers)
     found = find_pairs(body, rng, check.within, [region for _, region in check.touching])
     return SearchCase(
         hand=hand,
@@ -119,7 +119,7 @@ class _PreparedHand(NamedTuple):
 
 
 @functools.lru_cache(maxsize=4)
-def _prepare_hand(hand: HandModel, fingers: tuple[str, ...] | None) -> _PreparedHand:
+def prepare_hand(hand: HandModel, fingers: tuple[str, ...] | None) -> _PreparedHand:
     """The hand with hulls, its preshapes, drawn once, and what of it may collide; a second or several.
 
     ``fingers``: that alone close; None: all.

@@ -50,7 +50,7 @@ def test_hands_do_not_start_with_fingers_through_each_other_where_others_are_cle
     drawn = samples.preshapes
     monkeypatch.setattr(samples, "preshapes", draw)
     monkeypatch.setattr(samples, "_usable", lambda hand, shapes: shapes)
-    prepared = samples._prepare_hand.__wrapped__(crossing, None)
+    prepared = samples.prepare_hand.__wrapped__(crossing, None)
     through = [bool(collisions.between(rest_of(crossing), one.opened)) for one in prepared.preshapes]
     if crossed < 0.5:
         assert prepared.parts and not any(through)
