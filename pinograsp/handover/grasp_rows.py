@@ -23,8 +23,8 @@ _TO_GO = 0.015  # [m] for the contact that has most: from farther away fingers c
 
 def commanded_postures(plan: PlanRecord, *, stiffness: ArrayLike | None = None) -> Array:
     """The postures (3, n) that a plan asks of position servos: the last one on its way from which the places of its
-    contacts on the links have 15 mm to go, that where the links touch, and references that press with its forces, q + tau / kp, the hand's own weight made
-    up for. Arguments and errors as of :func:`grasp_rows`.
+    contacts on the links have 15 mm to go, that where the links touch, and references that press with its forces,
+    q + tau / kp, the hand's own weight made up for. Arguments and errors as of :func:`grasp_rows`.
     """
     hand, motion = plan.require_hand(), plan.motion
     _body_of(plan)

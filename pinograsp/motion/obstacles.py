@@ -34,8 +34,8 @@ class Obstacles:
         self.way, self.collisions = Way(hand, body), SelfCollisions(hand)
 
     def meet(self, q: Array, times: Array, until: float, impact: int) -> Met | None:
-        """What the hand hits along q (m, n) at ``times`` (m,) [s] up to a sample, or the table at the end, too; and what
-        goes far into the object from there to the impact.
+        """What the hand hits along q (m, n) at ``times`` (m,) [s] up to a sample, or the table at the end, too; and
+        what goes far into the object from there to the impact.
 
         Some samples are enough: the way is smooth.
         """

@@ -158,7 +158,8 @@ def hold(
 
     ``quick``: to compare many, with the squeeze of the certification where that is good enough, which may press harder
     than the least that withstands the reserve, and of which it is not asked whether the hand can press its contacts
-    together so; with a reserve the load factor is left out, as 0, and where a squeeze does, the quality, which is rough else.
+    together so; with a reserve the load factor is left out, as 0, and where a squeeze does, the quality, too, which is
+    rough else.
     """
     instance_of("closure", closure, Closure)
     instance_of("conditions", conditions, GraspConditions)
