@@ -26,8 +26,9 @@ def bench(
 ) -> None:
     """Measure the speed of this machine: one load of a ForceSolver, one step of OnlineForces, a batch of problems.
 
-    Seeded random grasps on a cylinder with exact friction cones and least squares; medians over 200 loads.
-    Comparisons with other solvers are in the sources, in benchmarks.
+    Seeded random grasps on a cylinder with exact friction cones and least
+    squares; medians over 200 loads. Comparisons with other solvers are in the
+    sources, in benchmarks.
 
     Examples:
       pinograsp bench

@@ -123,8 +123,9 @@ def carry(
 
       pinograsp carry ball --robot panda --root panda_link0 --path way.csv
 
-    Add --check to simulate the plan, --squeeze constant for a gripper that accepts one force, and --scenario mass=1.2
-    to withstand more. What each answer means: docs/howto/answers.md
+    Add --check to simulate the plan, --squeeze constant for a gripper that
+    accepts one force, and --scenario mass=1.2 to withstand more. What each answer
+    means: docs/howto/answers.md
     """
     from pinograsp.carry import ArmPath, plan_carry, save_carry, simulate_carry
     from pinograsp.cases import load_case

@@ -153,8 +153,8 @@ def certify(
 
       pinograsp certify grasps --hand hand.xml --objects meshes --mass 1 --out all
 
-    Replace these files by your data set's. With --back DIR they are written again, with forces. In a job array, use
-    --shard I/N.
+    Replace these files by your data set's. With --back DIR they are written
+    again, with forces. In a job array, use --shard I/N.
     """
     from pinograsp.certification.protocols import find_protocol
     from pinograsp.sweep import certify_files, find_missing_grasps, written_back

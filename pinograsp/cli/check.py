@@ -176,7 +176,8 @@ def check(
 
       pinograsp check runs/paper --reflex --sensors noise=0.1,delay=0.02
 
-    Runs are written by 'pinograsp plan'. What each answer means: docs/howto/answers.md
+    Runs are written by 'pinograsp plan'. What each answer means:
+    docs/howto/answers.md
     """
     from pinograsp.planner import load_run
     from pinograsp.simulation import simulate

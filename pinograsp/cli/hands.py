@@ -56,7 +56,8 @@ def hands(
 
       pinograsp hands so101 --drives
 
-    For your own file, give its path, with --root, --package and --arg if it needs them.
+    For your own file, give its path, with --root, --package and --arg if it needs
+    them.
     """
     from pinograsp.hands import load_hand
     from pinograsp.hands.catalogue import CATALOGUE

@@ -88,8 +88,9 @@ def identify(
 
       pinograsp identify motion.csv --hand allegro_right --out drives.toml
 
-    With --newtons 0.0065,0.02 forces are in newtons; --cap 4 finds the fastest touch under 4 N; --out hand.drives.toml
-    writes a data sheet, which plans read beside hand.urdf.
+    With --newtons 0.0065,0.02 forces are in newtons; --cap 4 finds the fastest
+    touch under 4 N; --out hand.drives.toml writes a data sheet, which plans read
+    beside hand.urdf.
     """
     if sheet.out is not None:
         if sheet.out.suffix != ".toml":

@@ -95,8 +95,9 @@ def pick(
     Examples:
       pinograsp pick panda sphere:radius=0.03,mass=0.1 --at 0.5,0.2 --to 0.5,-0.2
 
-    Add --check to simulate the pick, --box wall=0.02,0.3,0.2,0.5,0,0.1 for an obstacle, --upright 10 for a full object,
-    --to 0.4:0.6,-0.3:-0.1 for anywhere in a rectangle, --hand and --link for a hand on another arm, and --posture for
+    Add --check to simulate the pick, --box wall=0.02,0.3,0.2,0.5,0,0.1 for an
+    obstacle, --upright 10 for a full object, --to 0.4:0.6,-0.3:-0.1 for anywhere
+    in a rectangle, --hand and --link for a hand on another arm, and --posture for
     the arm's start. Needs the extra arm: pip install 'pinograsp\[arm]'
     """
     from pinograsp.forces import GraspConditions

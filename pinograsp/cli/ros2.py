@@ -42,13 +42,14 @@ class CommandWithRosArguments(TyperCommand):
 def hold(*, run: RunFolder, ros: RosArguments = None, session: Session) -> None:
     """Hold the object of a plan that the hand has grasped: the squeeze reacts to its sensors.
 
-    It ends with SIGINT or SIGTERM; the drives keep the last command. Needs ROS 2, or the extra ros2.
+    It ends with SIGINT or SIGTERM; the drives keep the last command. Needs ROS 2,
+    or the extra ros2.
 
     Examples:
       pinograsp ros2 hold runs/paper --ros-args -p rate:=250
 
-    If joint states have efforts, it starts from those, so that it can be stopped and started again while the object is
-    held.
+    If joint states have efforts, it starts from those, so that it can be stopped
+    and started again while the object is held.
     """
     _run(run, ros, session, plays=False, reflex=True)
 
@@ -91,7 +92,8 @@ Examples:
 
   pinograsp ros2 hold runs/paper --ros-args -r commands:=/hand/commands
 
-Parameters and topics follow --ros-args; play --no-reflex ends with the plan's last command.
+Parameters and topics follow --ros-args; play --no-reflex ends with the plan's
+last command.
 """,
 )
 for function in (play, hold):

@@ -39,7 +39,8 @@ def sweep(
 
       pinograsp sweep friction.yaml --out runs/again --jobs 2
 
-    On a cluster of Dask: --executor dask --scheduler tcp://ADDRESS:8786. In a job array: --shard I/N.
+    On a cluster of Dask: --executor dask --scheduler tcp://ADDRESS:8786. In a job
+    array: --shard I/N.
     """
     from pinograsp.sweep import find_missing_rows, sweep
     from pinograsp.writing import safe_name

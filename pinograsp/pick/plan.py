@@ -190,19 +190,20 @@ def read_task(
         supports=scene.find_supports(body, places),
     )
     arm = task.arm(task.hand.resting, "free", body, task.start)
-    if not robot.posture and not arm.is_free(task.start):
+    if arm.is_free(task.start):
+        return task
+    what, nearest = "got one", arm.find_nearest(task.start)
+    if not robot.posture:
         middle = (robot.lower + robot.upper)[robot.arm] / 2.0
         if arm.is_free(middle):
             names = [robot.joint_names[i] for i in robot.arm]
             robot = robot.with_posture(dict(zip(names, middle.tolist())))
             return replace(task, robot=robot, hand=detach(robot), start=middle)
-    if not arm.is_free(task.start):
-        nearest = arm.find_nearest(task.start)
-        raise InvalidInput(
-            f"start: expected a posture that keeps {1e3 * scene.clearance:g} mm from all, got one in which "
-            f"{nearest.one} is {-1e3 * nearest.spare:.3g} mm nearer to {nearest.other}: give another start="
-        )
-    return task
+        what, nearest = "got none, and of the arm with its joints in the middle one", arm.find_nearest(middle)
+    raise InvalidInput(
+        f"start: expected a posture that keeps {1e3 * scene.clearance:g} mm from all, {what} in which {nearest.one} is "
+        f"{-1e3 * nearest.spare:.3g} mm nearer to {nearest.other}: give another start="
+    )
 
 
 def _slow_closing(plan: GraspPlan, conditions: GraspConditions) -> GraspPlan:

@@ -283,6 +283,14 @@ def test_examples_are_understood_and_stay_in_a_line(command, name, line):
             get_command(app).commands[words[1]].make_context(words[1], words[2:], resilient_parsing=False)
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_paragraphs_of_the_help_break_where_the_screen_does(name):
+    """Lines of all but the first one are kept as they are: longer ones would break twice."""
+    text = get_command(app).commands[name].help
+    lines = [line for paragraph in text.split("\n\n")[1:] for line in paragraph.splitlines()]
+    assert not [line for line in lines if len(line) > 78 and not line.strip().startswith("pinograsp ")]
+
+
 FIRST = (("plan",), ("check", "report", "view", "export"))
 
 
