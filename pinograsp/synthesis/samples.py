@@ -343,7 +343,7 @@ def _closure(case: SearchCase, posed: Posed) -> Closure:
 
 def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | str:
     """A hand clear of the object, its fingertips about two surfaces that face each other; else why there is none."""
-    pairs, body = case.pairs, case.body
+    pairs = case.pairs
     # Fingertips press joints that give way along a drive open; fingers that wrap close them.
     fitting = tuple(one for one in case.preshapes if one.yielded is not case.wrap)
     shapes = fitting if len(fitting) >= _NEAREST // 2 else case.preshapes
@@ -370,7 +370,7 @@ def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | str:
         out = turn @ shape.out_h
         placed = _clear(case, _pose(turn, at), out, shape.opened)
         if placed is not None and case.wrap:
-            placed = _press_on(placed, body, shape.opened, out)
+            placed = _press_on(case, placed, shape.opened, out)
         if placed is not None and _above(case, placed, shape.opened[None]):
             posed = Posed(placed, shape.opened, shape.closed, shape.out_h)
             if not (refused := _refuse(case, posed)):
@@ -411,10 +411,9 @@ def _pose(rotation: Array, at: Array) -> Array:
 def _clear(case: SearchCase, pose: Array, out: Array, opened: Array) -> HandModel | None:
     """The hand taken back against ``out`` (3,) until it is clear of the object; None where it stays in its way."""
     for _ in range(_BACKWARDS):
-        placed = case.rough.placed(pose)
-        gap = clearance(placed, case.body, opened)
+        gap = _gap(case, pose, opened)
         if gap > _ON:
-            return placed
+            return case.rough.placed(pose)
         pose = pose.copy()
         pose[:3, 3] -= (0.1 * case.body.bounding_radius - gap) * out
     return None
@@ -436,16 +435,23 @@ def _move(case: SearchCase, posed: Posed, rng: np.random.Generator, size: float)
     return Posed(case.rough.placed(pose), opened, closed, posed.look_h)
 
 
-def _press_on(hand: HandModel, body: Body, q: Array, direction: Array) -> HandModel | None:
+def _press_on(case: SearchCase, hand: HandModel, q: Array, direction: Array) -> HandModel | None:
     """The hand moved along ``direction`` (3,) until it touches the object; None where it passes by."""
     pose, moved = np.array(hand.pose), 0.0
     for _ in range(_ADVANCES):
-        gap = clearance(hand, body, q)
+        gap = _gap(case, pose, q)
         if gap <= _ON:
-            return hand
+            return hand.placed(pose)
         moved += gap
-        if moved > 10 * body.bounding_radius:
+        if moved > 10 * case.body.bounding_radius:
             return None
         pose[:3, 3] += (gap - 0.2 * _ON) * direction
-        hand = hand.placed(pose)
     return None
+
+
+def _gap(case: SearchCase, pose: Array, q: Array) -> float:
+    """Between the hand's hulls, placed at a pose (4, 4), and the object [m]; where they overlap, negative."""
+    if case.scene is None:
+        return clearance(case.rough.placed(pose), case.body, q)
+    every = np.arange(len(case.scene.parts))
+    return float(case.scene.gaps(q[None], pose[None], every, 20 * case.body.bounding_radius)[0])
