@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pinograsp.checks import number, path_of, read_only, text_of
+from pinograsp.checks import flag, number, path_of, read_only, text_of
 from pinograsp.data import GraspRows, write_grasps
 from pinograsp.errors import InvalidInput
 from pinograsp.handover.commands import efforts, gains, require_drives
@@ -21,10 +21,11 @@ from pinograsp.writing import write_errors
 _TO_GO = 0.015  # [m] for the contact that has most: from farther away fingers come fast, and not at once
 
 
-def commanded_postures(plan: PlanRecord, *, stiffness: ArrayLike | None = None) -> Array:
+def commanded_postures(plan: PlanRecord, *, stiffness: ArrayLike | None = None, rigid: bool = False) -> Array:
     """The postures (3, n) that a plan asks of position servos: the last one on its way from which the places of its
     contacts on the links have 15 mm to go, that where the links touch, and references that press with its forces,
-    q + tau / kp, the hand's own weight made up for. Arguments and errors as of :func:`grasp_rows`.
+    q + tau / kp, the hand's own weight made up for: from where contacts as soft as planned give way to, or, of
+    ``rigid`` ones, from where the links touch. Other arguments and errors as of :func:`grasp_rows`.
     """
     hand, motion = plan.require_hand(), plan.motion
     _body_of(plan)
@@ -32,7 +33,8 @@ def commanded_postures(plan: PlanRecord, *, stiffness: ArrayLike | None = None) 
     kp, last = gains(hand, "stiffness", stiffness), motion.q[-1:]
     weight = inverse_dynamics(hand, last, 0 * last, 0 * last, gravity_o=plan.gravity_o)
     effort, _ = efforts(hand, last, motion.holding_torques[None] - weight, shortfall=None)
-    squeezed = last + effort / kp @ np.linalg.pinv(hand.transmission).T
+    pressed = motion.q[[motion.impact]] if flag("rigid", rigid) else last
+    squeezed = pressed + effort / kp @ np.linalg.pinv(hand.transmission).T
     found: Array = np.concatenate([motion.q[[_find_near(plan, hand), motion.impact]], squeezed])
     return found
 
@@ -40,7 +42,8 @@ def commanded_postures(plan: PlanRecord, *, stiffness: ArrayLike | None = None) 
 def grasp_rows(
     plan: PlanRecord, object_name: str, *, scale: float = 1.0, stiffness: ArrayLike | None = None
 ) -> GraspRows:
-    """The postures of a plan, as of :func:`commanded_postures`, as one row of a data set.
+    """The postures of a plan, as of :func:`commanded_postures`, as one row of a data set, whose simulations have hard
+    contacts.
 
     Joints are in the order of the hand's fingers, as of its description, coupled ones included.
 
@@ -61,7 +64,8 @@ def grasp_rows(
         raise InvalidInput(
             f"hand: expected one without an arm, whose root is free, got joints of no finger: {', '.join(others)}"
         )
-    before, touching, squeezing = (_every_joint(hand, names, q) for q in commanded_postures(plan, stiffness=stiffness))
+    postures = commanded_postures(plan, stiffness=stiffness, rigid=True)
+    before, touching, squeezing = (_every_joint(hand, names, q) for q in postures)
     pose = read_only((inverse_of(_body_of(plan).pose) @ hand.pose)[None])
     return GraspRows(
         source=f"plan of {hand.name}",

@@ -54,6 +54,9 @@ def test_references_are_as_far_ahead_as_the_servos_need(plan):
     free = np.abs(last[0] - hand.lower) > 1e-3 * (hand.upper - hand.lower)
     made = hand.transmission.T @ efforts
     assert made[free] == pytest.approx(torques[free], abs=0.05 * np.abs(torques).max())
+    # Hard contacts stop the links where they touch.
+    hard = commanded_postures(plan, rigid=True)[2]
+    assert hard - touching == pytest.approx(squeezing - last[0])
     # A servo that is twice as stiff is sent half as far.
     stiffer = commanded_postures(plan, stiffness=2 * KP)[2]
     assert hand.transmission @ (stiffer - last[0]) == pytest.approx(hand.transmission @ (squeezing - last[0]) / 2)
