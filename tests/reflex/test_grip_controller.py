@@ -140,9 +140,10 @@ def test_a_contact_that_holds_has_at_least_the_friction_of_its_ratio_and_one_tha
         assert np.all(np.isinf(controller.mu_high)), SEED
         hold(plan, controller, 0.1, mu, noise=0.1, seed=SEED + seed, start=1.5, slip=True)
         assert np.all(controller.mu_high >= controller.mu_low), SEED
-        low.extend(controller.mu_low[told] / mu)
+        assert np.all(controller.mu_low[told] <= 1.05 * mu), SEED
+        low.extend(controller.mu_low[told] / np.tan(np.arctan(mu) - 0.1))  # with a normal tilted so far
         high.extend(controller.mu_high[told] / mu)
-    assert np.mean(np.array(low) <= 1.05) >= 0.99 and np.median(low) >= 0.8, SEED
+    assert np.median(low) >= 0.8, SEED
     assert np.mean(np.array(high) >= 1.0) >= 0.9 and np.mean(np.array(high) <= 1.2) >= 0.9, SEED
 
 

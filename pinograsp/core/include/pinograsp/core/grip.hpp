@@ -249,6 +249,7 @@ private:
     static constexpr double learning = 0.02;   // of a slipping contact's friction [s]
     static constexpr double steady = 0.15;     // of the load that another one is told from [s]
     static constexpr double sure = 4.0;        // standard deviations of a ratio of which the largest counts
+    static constexpr double tilted = 0.1;      // by which a normal may be another one than planned [rad]
     static constexpr double most_times = 4.0;  // the planned load over friction: more is no guide
     static constexpr double lightest = 0.4;    // of the planned load: less is not believed
     static constexpr double raising = 0.1;     // in which a squeeze as planned is added, but where it slips [s]
@@ -370,7 +371,8 @@ private:
                 const double ratio = std::hypot(felt[3 * i], felt[3 * i + 1]) / normal;
                 const double most = max(max(variance_[3 * i], variance_[3 * i + 1]), variance_[3 * i + 2]);
                 const double doubt = std::sqrt(most * (1.0 + ratio * ratio)) / normal;
-                if (is_settled()) mu_low[i] = max(mu_low[i], ratio - sure * doubt);
+                const double least = ratio - sure * doubt;
+                if (is_settled()) mu_low[i] = max(mu_low[i], (least - tilted) / (1.0 + least * tilted));
                 if (slips_long(i)) {
                     const double share = 1.0 - std::exp(-dt / learning);
                     given_[i] = std::isfinite(given_[i]) ? given_[i] + share * (ratio - given_[i]) : ratio;
