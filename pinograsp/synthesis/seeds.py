@@ -16,6 +16,7 @@ _STEPS = 40  # of a ray through the object
 _FACING = np.cos(np.radians(25.0))  # of the angle between the line through a pair and either normal
 _POINTS = 400  # surface points that are looked at
 _BALL = 0.95  # of a ball's radius: what may be nearer than the two walls that it touches
+_MIDDLE = 0.49  # of the way across, where its centre is looked at
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -173,6 +174,7 @@ def find_gap(body: Body, region: Region, rng: np.random.Generator) -> float:
     start, out, along = start[ended], out[ended], along[ended]
     if not len(along):
         return 0.0
-    _, _, free = body.project(start + along[:, None] / 2 * out)
-    across = free > _BALL * along / 2
+    # A little off the middle, which two opposite sides may be equally near to.
+    _, _, free = body.project(start + _MIDDLE * along[:, None] * out)
+    across = free > _BALL * _MIDDLE * along
     return float(along[across].max(initial=0.0))
