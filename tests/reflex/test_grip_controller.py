@@ -352,7 +352,9 @@ def test_controllers_that_send_nonsense_are_refused(plan):
 
 @pytest.mark.slow
 def test_a_weight_that_doubles_on_slippery_contacts_is_held(jaws):
-    """Jaws of a planned friction of 0.6, which is 0.3: what the plan squeezes with cannot hold twice the weight."""
+    """Jaws of a planned friction of 0.6, which is 0.3: what the plan squeezes with cannot hold twice the weight. A grip
+    that keeps enough holds it; one that keeps less, as by default, answers while it slides by what its delays allow.
+    """
     weight = 2.0 * 0.25 * 9.81
     assert 0.3 * planned_of(jaws)[:, 2].sum() < 2 * weight
     doubled = Push(wrench_o=[0.0, 0.0, -weight, 0.0, 0.0, 0.0], start=0.3, duration=1.2)
@@ -366,7 +368,7 @@ def test_a_weight_that_doubles_on_slippery_contacts_is_held(jaws):
         return float(away.max())
 
     assert moves(lambda felt: Command(jaws.motion.holding_torques)) > 8e-3  # it falls on the palm
-    controller = jaws.grip_controller(latency=0.025, max_normal_force=5 * CAP)
+    controller = jaws.grip_controller(latency=0.025, max_normal_force=5 * CAP, kept=0.7)
     assert moves(controller) < 4e-3, SEED
     assert controller.object_mass == pytest.approx(2 * 2.0 * 0.25, rel=0.25), SEED
 
