@@ -355,21 +355,24 @@ def summarize(rows: list[dict[str, object]]) -> dict[str, float]:
 def judge_beliefs(rows: list[dict[str, object]]) -> dict[str, float]:
     """How true what one of the package's own controllers believed was."""
     kept = [row for row in rows if row["kept"]]
+    inside = _read_column(kept, "load_inside")
     return {
-        "load_inside": _percentile(kept, "load_inside", np.mean),
-        "mu_low_99": _percentile(kept, "mu_low", lambda values: np.percentile(values, 99)),
+        "load_inside": round(float(np.mean(inside)), 3) if inside else math.nan,
+        "mu_low_99": _percentile(kept, "mu_low", 99),
         "mu_high": _percentile(kept, "mu_high"),
-        "mu_high_5": _percentile(kept, "mu_high", lambda values: np.percentile(values, 5)),
-        "mu_high_95": _percentile(kept, "mu_high", lambda values: np.percentile(values, 95)),
+        "mu_high_5": _percentile(kept, "mu_high", 5),
+        "mu_high_95": _percentile(kept, "mu_high", 95),
     }
 
 
-def _percentile(
-    rows: list[dict[str, object]], name: str, of: Callable[[list[float]], np.floating] = np.median
-) -> float:
+def _percentile(rows: list[dict[str, object]], name: str, share: float = 50.0) -> float:
     """Of the numbers of a column, several in a cell or none."""
-    values = [float(one) for row in rows for one in str(row.get(name, "")).split()]
-    return round(float(of(values)), 3) if values else math.nan
+    values = _read_column(rows, name)
+    return round(float(np.percentile(values, share)), 3) if values else math.nan
+
+
+def _read_column(rows: list[dict[str, object]], name: str) -> list[float]:
+    return [float(one) for row in rows for one in str(row.get(name, "")).split()]
 
 
 def count_reflexes(plans: list[tuple[str, GraspPlan]], name: str, args: argparse.Namespace) -> dict[str, float]:

@@ -207,7 +207,7 @@ class GripController:
         return blind
 
     @cached_property
-    def _unlimited(self) -> OnlineForces:
+    def _loop_without_limits(self) -> OnlineForces:
         """A loop without floors and torque limits."""
         return OnlineForces(replace(self.loop.problem, torques=None), normal_forces=(0.0, self._caps))
 
@@ -215,7 +215,7 @@ class GripController:
         """Sum of the normal forces that the felt load asks for with the believed friction, without a margin, by forces
         of least squares [N]; infinity: none hold it within the caps. Solved when it is asked for, not at every tick.
         """
-        forces, _, status = self._unlimited.step(self.load, mu=self.mu)
+        forces, _, status = self._loop_without_limits.step(self.load, mu=self.mu)
         return float(forces[:, 2].sum()) if status is Status.OK else np.inf
 
     def reset(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -11,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pinograsp import core
 from pinograsp.contacts import (
     Closure,
     clearance,
@@ -20,17 +18,17 @@ from pinograsp.contacts import (
 from pinograsp.contacts.bulk import BulkScene
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support_plane import SupportPlane, deepest_below
-from pinograsp.errors import InvalidInput, PinograspError
+from pinograsp.errors import PinograspError
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.hands.efforts import find_stops
-from pinograsp.hands.geometry import hulls
 from pinograsp.objects.body import Body, tangents
 from pinograsp.plan.tolerance import PoseError
-from pinograsp.spatial import Array, cross
+from pinograsp.spatial import Array, cross, pose_of
 from pinograsp.synthesis.found import ROOMS, FoundGrasp, hold
 from pinograsp.synthesis.jaws import cannot_stop_alone, centre_on
-from pinograsp.synthesis.preshapes import Preshape, balance, free_of_themselves, preshapes, refine, rest_of
+from pinograsp.synthesis.prepared_hand import NEAREST, prepare_hand, scene_of
+from pinograsp.synthesis.preshapes import Preshape, balance, rest_of
 from pinograsp.synthesis.seeds import Pairs, find_pairs
 from pinograsp.synthesis.setting import REFUSED, Setting
 from pinograsp.synthesis.wishes import Miss, WishCheck, Wishes
@@ -43,9 +41,6 @@ _LOOKS = 5  # at the hand on its way, whether it hits the table
 _TURNS = 48  # of a hand about the line between its fingertips, of which a wished approach takes one
 _DRAWS = 12  # of pair, preshape and turn, until the open hand is clear of the object
 _BACKWARDS = 6  # steps that take an open hand back from an object that it overlaps
-_BALANCED = 0.15  # imbalance of preshapes that are used, where there are enough of them
-_ENOUGH = 24  # of them
-_NEAREST = 12  # preshapes nearest in width to a pair, of which one is taken
 _EXACT = 3  # samples of a batch, at most, that the full program is asked about
 _DEEP = 0.6  # of the samples lie deeper than between the fingertips
 _AROUND = 8  # directions along a table in which an object may be displaced; twice as many without one
@@ -107,57 +102,6 @@ def make_search_case(
         wish_check=check,
         setting=setting,
     )
-
-
-class _PreparedHand(NamedTuple):
-    """What searches of all objects have in common."""
-
-    rough: HandModel
-    preshapes: tuple[Preshape, ...]
-    collisions: SelfCollisions
-    parts: bool
-
-
-@functools.lru_cache(maxsize=4)
-def prepare_hand(hand: HandModel, fingers: tuple[str, ...] | None) -> _PreparedHand:
-    """The hand with hulls, its preshapes, drawn once, and what of it may collide; a second or several.
-
-    ``fingers``: that alone close; None: all.
-    """
-    rng, rough = np.random.default_rng(0), hand_of_hulls(hand)
-    shapes = preshapes(rough, rng, fingers=fingers)
-    good = _usable(rough, shapes)
-    if len(good) < _ENOUGH and not cannot_stop_alone(hand):
-        shapes += preshapes(rough, rng, uneven=True, fingers=fingers)
-        shapes += refine(rough, [one for one in shapes if one.yielded] or shapes, rng, fingers=fingers)
-        good = _usable(rough, shapes)
-    if len(good) < _NEAREST:
-        good = sorted(shapes, key=lambda one: one.imbalance)[: 4 * _NEAREST]
-    collisions = SelfCollisions(hand)
-    clear = [one for one in good if not collisions.between(rest_of(hand), one.opened)]
-    if 2 * len(clear) >= len(good):  # else open fingers touch by design
-        good = clear
-    return _PreparedHand(rough, tuple(good), collisions, len(clear) == len(good))
-
-
-def hand_of_hulls(hand: HandModel) -> HandModel:
-    """The hand with its meshes' convex hulls."""
-    return replace(hand, geometry=hulls(hand.geometry))
-
-
-def scene_of(rough: HandModel, body: Body) -> BulkScene | None:
-    """Hand and object for the compiled core; None without it, or of geometry that it does not know."""
-    try:
-        return BulkScene(rough, body, surface=True) if core.is_installed() else None
-    except InvalidInput:
-        return None
-
-
-def _usable(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:
-    """The balanced preshapes, without those whose links hit each other as long as some are left."""
-    good = [one for one in shapes if one.imbalance < _BALANCED]
-    free = free_of_themselves(hand, good)
-    return free if len(free) >= _NEAREST // 2 else good
 
 
 class Batch(NamedTuple):
@@ -346,13 +290,13 @@ def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | str:
     pairs = case.pairs
     # Fingertips press joints that give way along a drive open; fingers that wrap close them.
     fitting = tuple(one for one in case.preshapes if one.yielded is not case.wrap)
-    shapes = fitting if len(fitting) >= _NEAREST // 2 else case.preshapes
+    shapes = fitting if len(fitting) >= NEAREST // 2 else case.preshapes
     widths = np.array([one.width for one in shapes])
     why = Counter[str]()
     for _ in range(_DRAWS if shapes else 0):
         # Pairs near the centre of mass are drawn more often: there the weight turns nothing.
         i = min(int(rng.exponential(len(pairs.widths) / 4)), len(pairs.widths) - 1)
-        nearest = np.argsort(np.abs(widths - pairs.widths[i]), kind="stable")[:_NEAREST]
+        nearest = np.argsort(np.abs(widths - pairs.widths[i]), kind="stable")[:NEAREST]
         shape = shapes[int(rng.choice(nearest))]
         axis = pairs.axes_o[i] if rng.random() < 0.5 else -pairs.axes_o[i]
         frame = _across(axis, rng.uniform(0, 2 * np.pi))
@@ -368,7 +312,7 @@ def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | str:
         # The hand's centre between its fingertips, moved towards the palm, goes to the middle of the pair.
         at = pairs.middles_o[i] - turn @ (shape.centre_h - deep * shape.out_h)
         out = turn @ shape.out_h
-        placed = _clear(case, _pose(turn, at), out, shape.opened)
+        placed = _clear(case, pose_of(at, turn), out, shape.opened)
         if placed is not None and case.wrap:
             placed = _press_on(case, placed, shape.opened, out)
         if placed is not None and _above(case, placed, shape.opened[None]):
@@ -400,12 +344,6 @@ def _across(axis: Array, turn: float) -> Array:
 def _across_of(shape: Preshape) -> Array:
     """The same frame of a preshape, in the hand: axis, across, out."""
     return np.column_stack([shape.axis_h, cross(shape.out_h, shape.axis_h), shape.out_h])
-
-
-def _pose(rotation: Array, at: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, at
-    return pose
 
 
 def _clear(case: SearchCase, pose: Array, out: Array, opened: Array) -> HandModel | None:

@@ -19,7 +19,8 @@ from pinograsp.errors import InvalidInput, PinograspError
 from pinograsp.interrupts import parallel_results
 from pinograsp.synthesis.found import FoundGrasp
 from pinograsp.synthesis.near import wider_conditions
-from pinograsp.synthesis.samples import Batch, SearchCase, hand_of_hulls, make_batch, scene_of
+from pinograsp.synthesis.prepared_hand import hand_of_hulls, scene_of
+from pinograsp.synthesis.samples import Batch, SearchCase, make_batch
 from pinograsp.synthesis.setting import REFUSED
 from pinograsp.writing import write_errors
 

@@ -8,7 +8,7 @@ from own_hands import joint, link, robot
 
 from pinograsp import load_hand
 from pinograsp.contacts.self_collision import SelfCollisions
-from pinograsp.synthesis import samples
+from pinograsp.synthesis import prepared_hand
 from pinograsp.synthesis.preshapes import rest_of
 
 
@@ -47,10 +47,10 @@ def test_hands_do_not_start_with_fingers_through_each_other_where_others_are_cle
             shapes[i] = replace(shape, opened=opened)
         return shapes
 
-    drawn = samples.preshapes
-    monkeypatch.setattr(samples, "preshapes", draw)
-    monkeypatch.setattr(samples, "_usable", lambda hand, shapes: shapes)
-    prepared = samples.prepare_hand.__wrapped__(crossing, None)
+    drawn = prepared_hand.preshapes
+    monkeypatch.setattr(prepared_hand, "preshapes", draw)
+    monkeypatch.setattr(prepared_hand, "_usable", lambda hand, shapes: shapes)
+    prepared = prepared_hand.prepare_hand.__wrapped__(crossing, None)
     through = [bool(collisions.between(rest_of(crossing), one.opened)) for one in prepared.preshapes]
     if crossed < 0.5:
         assert prepared.parts and not any(through)
