@@ -3,19 +3,56 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from pinograsp import core
-from pinograsp.contacts.clearance import Distances, Gap, HandPart
+from pinograsp.contacts.clearance import PALM, Gap, HandPart, parts_of
 from pinograsp.contacts.compiled import joints_of, support_shape
+from pinograsp.contacts.self_collision import SelfCollisions
+from pinograsp.hands import HandModel
+from pinograsp.hands.geometry import solid_of
+from pinograsp.objects.body import Body
 from pinograsp.spatial import Array
 
+TOUCH = 1e-7  # [m] a gap that counts as touching; distances of smooth shapes are exact to 1e-9
+_CREEP = 2e-5  # [m] least advance, so that what slides along the object does so in few steps
 _NEAR = 2e-6  # [m] from here on distances are coal's
 _NO_PLANE = 1e9  # [m] per unit of the way: what no part moves by
+
+
+class PreparedClosing:
+    """What closings of a hand on an object have in common, wherever the two are.
+
+    Attributes:
+        parts: of the hand that may touch, as it was placed.
+        collisions: of the hand with itself.
+    """
+
+    def __init__(self, hand: HandModel, body: Body, *, palm: bool = True, collisions: SelfCollisions | None = None):
+        self.parts = [part for part in parts_of(hand) if palm or part.finger != PALM]
+        self.collisions = SelfCollisions(hand) if collisions is None else collisions
+        self.rates = tuple(np.array(own) for own in zip(*(part.rates for part in self.parts)))
+        self.corners = np.array([part.corners for part in self.parts])  # (p, 8, 3)
+        self.pose = hand.pose
+        self.compiled = self._compile(hand, body) if core.is_installed() else None
+
+    def parts_at(self, hand: HandModel) -> list[HandPart]:
+        """The parts of the same hand where it is now."""
+        move = pin.SE3(np.array(hand.pose)) * pin.SE3(np.array(self.pose)).inverse()
+        return [part if part.joint else part.moved(move) for part in self.parts]
+
+    def _compile(self, hand: HandModel, body: Body) -> Any:
+        """The core's way of the same parts; those of unknown shapes it leaves to coal."""
+        compiled = core.load().Approach(touch=0.5 * TOUCH, creep=_CREEP, near=_NEAR)
+        for joint in joints_of(hand.model):
+            compiled.add_joint(*joint)
+        for part in self.parts:
+            compiled.add_part(part.joint - 1, part.placement.homogeneous, part.corners, *support_shape(part.hull))
+        compiled.put(*support_shape(solid_of(body.collision_geometry)))
+        return compiled
 
 
 class Approach:
@@ -31,16 +68,17 @@ class Approach:
         speed: bound of each part's (p,) [m per unit of the way].
     """
 
-    def __init__(self, distances: Distances, parts: Sequence[HandPart], touch: float, creep: float):
-        self._joints, self._touch, self._creep = [part.joint for part in parts], touch, creep
-        self._reach, self._turning, self._sliding = (np.array(own) for own in zip(*(part.rates for part in parts)))
-        self._corners = np.array([part.corners for part in parts])  # (p, 8, 3)
+    def __init__(self, prepared: PreparedClosing, hand: HandModel, body: Body):
+        parts, self._touch, self._creep = prepared.parts, 0.5 * TOUCH, _CREEP
+        self._joints = [part.joint for part in parts]
+        self._reach, self._turning, self._sliding = prepared.rates
+        self._corners, self._compiled = prepared.corners, prepared.compiled
         # Where a part was looked at: its distance, by which its plane's shrinks at first, and how that can change.
         self._known = np.zeros((7, len(parts)))
         self._gaps, self._since, self._rate, self.times, self.stops, self.speed, self._bend = self._known
         self._gaps[:], self._rate[:] = -np.inf, _NO_PLANE
-        self._pose = np.array(distances.body.shape_pose)
-        self._compiled = _compile(distances, parts, touch, creep) if core.is_installed() else None
+        # Of the object, seen with the hand where it was prepared.
+        self._pose = np.ascontiguousarray(prepared.pose @ np.linalg.inv(hand.pose) @ body.shape_pose)
 
     def depart(self, at: float, rate: Array) -> None:
         """Go on at ``at`` with joint rates (n,); planes are found again where parts are looked at."""
@@ -98,14 +136,3 @@ class Approach:
             else:
                 wait = math.inf
         self.times[i], self.stops[i] = at + wait, at + max(wait, self._creep / speed)
-
-
-def _compile(distances: Distances, parts: Sequence[HandPart], touch: float, creep: float) -> Any:
-    """The core's method for the same parts; those of unknown shapes it leaves to coal."""
-    compiled = core.load().Approach(touch=touch, creep=creep, near=_NEAR)
-    for joint in joints_of(distances.model):
-        compiled.add_joint(*joint)
-    for part in parts:
-        compiled.add_part(part.joint - 1, part.placement.homogeneous, part.corners, *support_shape(part.hull))
-    compiled.put(*support_shape(distances.hull))
-    return compiled

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from copy import copy
 from functools import cached_property
 from typing import NamedTuple
 
@@ -51,6 +52,13 @@ class HandPart:
         self.half: Array = 0.5 * (one.geometry.aabb_local.max_ - one.geometry.aabb_local.min_)
         # A mesh's convex hull; where there is none, the geometry itself.
         self.hull = solid_of(self.geometry)
+
+    def moved(self, move: pin.SE3) -> HandPart:
+        """The same part of the palm after a motion of the hand."""
+        part = copy(self)
+        part.placement, part.centre = move * self.placement, move.act(self.centre)
+        part.__dict__.pop("corners", None)
+        return part
 
     @property
     def reach(self) -> Array:

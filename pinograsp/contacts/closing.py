@@ -21,8 +21,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, flag, frozen, instance_of, items_of, mapping_of, number, read_only
-from pinograsp.contacts.advance import Approach
-from pinograsp.contacts.clearance import PALM, Distances, HandPart, check_geometry, parts_of
+from pinograsp.contacts.advance import TOUCH, Approach, PreparedClosing
+from pinograsp.contacts.clearance import Distances, HandPart, check_geometry
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
 from pinograsp.contacts.penetration import find_normal
 from pinograsp.contacts.pushing import is_jammed, make_way
@@ -36,8 +36,6 @@ from pinograsp.words import format_fixed
 
 Posture: TypeAlias = Mapping[str, ArrayLike] | ArrayLike  # {finger: angles (n_f,)} or q (n,)
 
-TOUCH = 1e-7  # [m] a gap that counts as touching; distances of smooth shapes are exact to 1e-9
-_CREEP = 2e-5  # [m] least advance, so that what slides along the object does so in few steps
 _OPEN = 1e-9  # [m] an overlap beyond rounding: the hand cannot start there
 _PUSH = 0.005  # first share of the path that jaws push the object at once; quartered where it cannot yield
 _ROOM = 0.02  # of the jaws' own way: room that a pushed object is given, so that curved paths need few corrections
@@ -58,7 +56,7 @@ def close_hand(
     wrap: bool = False,
     fixed: bool = False,
     friction: float = 0.5,
-    collisions: SelfCollisions | None = None,
+    prepared: PreparedClosing | None = None,
 ) -> Closure:
     """Close ``hand`` on ``body`` until nothing moves any more.
 
@@ -78,8 +76,8 @@ def close_hand(
             all.
         friction: coefficient at which an object that such fingers push jams between them [-]: it is pushed no further.
             Not used with ``fixed``.
-        collisions: of the hand with itself, wherever it was placed; None: they are listed anew, which takes
-            milliseconds.
+        prepared: what closings of this hand on this object have in common, wherever they are, for many of them: it
+            decides about ``palm``. None: it is made anew, which takes milliseconds.
 
     Raises:
         InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.
@@ -102,11 +100,13 @@ def close_hand(
     ]
     if beyond:
         raise InvalidInput(f"start: expected angles within the joint limits, {', '.join(beyond)} is not")
-    closing = _Closing(hand, body, opened, closed, palm, wrap)
+    if prepared is None:
+        prepared = PreparedClosing(hand, body, palm=palm)
+    closing = _Closing(hand, body, opened, closed, prepared, wrap)
     closing.approach()
     if not fixed:
         closing.push(friction)
-    return closing.result(SelfCollisions(hand) if collisions is None else collisions)
+    return closing.result(prepared.collisions)
 
 
 def _posture(hand: HandModel, name: str, given: Posture | None, default: Array) -> Array:
@@ -124,11 +124,10 @@ def _posture(hand: HandModel, name: str, given: Posture | None, default: Array) 
 class _Closing:
     """The state of a hand that closes: posture, joints that still move, what touches."""
 
-    def __init__(self, hand: HandModel, body: Body, start: Array, target: Array, palm: bool, wrap: bool):
+    def __init__(self, hand: HandModel, body: Body, start: Array, target: Array, prepared: PreparedClosing, wrap: bool):
         self.hand, self.body, self.start, self.target = hand, body, start, target
-        self.parts = [part for part in parts_of(hand) if palm or part.finger != PALM]
-        self.distances = Distances(hand, body)
-        self.way = Approach(self.distances, self.parts, 0.5 * TOUCH, _CREEP)
+        self.parts, self.distances = prepared.parts_at(hand), Distances(hand, body)
+        self.way = Approach(prepared, hand, body)
         self.q, self.at = start.copy(), 0.0
         way = target - start
         self.tops = np.where(way > 0, hand.upper, hand.lower)

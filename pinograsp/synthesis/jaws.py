@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.contacts import PALM, Closure, close_hand
+from pinograsp.contacts.advance import PreparedClosing
 from pinograsp.contacts.clearance import Distances, parts_of
-from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.errors import PinograspError
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -52,7 +52,7 @@ def cannot_stop_alone(hand: HandModel) -> bool:
     )
 
 
-def centre_on(hand: HandModel, body: Body, opened: Array, closed: Array, collisions: SelfCollisions) -> Closure | None:
+def centre_on(hand: HandModel, body: Body, opened: Array, closed: Array, prepared: PreparedClosing) -> Closure | None:
     """The closure of fingers that cannot stop one by one, with the hand moved so that they touch at the same time.
 
     Pushing the object between them would take far longer. None where that does not come to two fingers that touch.
@@ -62,7 +62,7 @@ def centre_on(hand: HandModel, body: Body, opened: Array, closed: Array, collisi
     closure = None
     for _ in range(_CENTRINGS):
         try:
-            closure = close_hand(hand, body, start=opened, target=closed, fixed=True, collisions=collisions)
+            closure = close_hand(hand, body, start=opened, target=closed, fixed=True, prepared=prepared)
         except PinograspError:  # moved into the object
             break
         touching = {touch.finger for touch in closure.touches}

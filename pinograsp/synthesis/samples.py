@@ -15,8 +15,8 @@ from pinograsp.contacts import (
     clearance,
     close_hand,
 )
+from pinograsp.contacts.advance import PreparedClosing
 from pinograsp.contacts.bulk import BulkScene
-from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.support_plane import SupportPlane, deepest_below
 from pinograsp.errors import PinograspError
 from pinograsp.forces import GraspConditions
@@ -53,7 +53,8 @@ _MOVE, _TURN, _SPREAD = 0.1, np.radians(8.0), 0.05  # of a refinement: shares of
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchCase:
     """What all samples of a search have in common; ``rough`` is the hand with its meshes' convex hulls, which is in
-    ``scene`` with the object as well; ``parts``: whether its open fingers are clear of each other, as of most hands.
+    ``scene`` and ``closing`` with the object as well; ``parts``: whether its open fingers are clear of each other, as
+    of most hands.
     """
 
     hand: HandModel
@@ -66,7 +67,7 @@ class SearchCase:
     pairs: Pairs
     table: SupportPlane | None
     scene: BulkScene | None
-    collisions: SelfCollisions
+    closing: PreparedClosing
     parts: bool
     wish_check: WishCheck
     setting: Setting | None
@@ -97,7 +98,7 @@ def make_search_case(
         pairs=check.choose(found, max((one.depth for one in prepared.preshapes), default=0.0)),
         table=SupportPlane.under(body, conditions.gravity_o) if conditions.table else None,
         scene=scene_of(prepared.rough, body),
-        collisions=prepared.collisions,
+        closing=PreparedClosing(prepared.rough, body, collisions=prepared.collisions),
         parts=prepared.parts,
         wish_check=check,
         setting=setting,
@@ -183,7 +184,7 @@ def _open_wider(case: SearchCase, posed: Posed) -> Posed:
     """
     hand, opened, closed, _ = posed
     wider = np.clip(opened - _WIDER * (closed - opened), hand.lower, hand.upper)
-    return posed if case.collisions.between(opened, wider) else posed._replace(opened=wider)
+    return posed if case.closing.collisions.between(opened, wider) else posed._replace(opened=wider)
 
 
 class Tried(NamedTuple):
@@ -201,10 +202,10 @@ class Tried(NamedTuple):
 
 def _try_closing(case: SearchCase, posed: Posed, *, quick: bool = True) -> Tried:
     """The outcome of closing a hand where it is; ``quick``: as one of many."""
-    if case.parts and (hit := case.collisions.between(rest_of(case.hand), posed.opened)):
+    if case.parts and (hit := case.closing.collisions.between(rest_of(case.hand), posed.opened)):
         return Tried(f"open fingers collide ({_name_pair(hit[0])})")
     try:
-        closure = _closure(case, posed)
+        closure = _closure(case, posed, quick)
     except PinograspError:  # a link deep inside the object, or a mesh that no distance can be computed of
         return Tried("the hand could not be closed")
     if closure.self_collisions:
@@ -264,18 +265,21 @@ def _find_room(case: SearchCase, pose: Array, opened: Array) -> float:
     return room
 
 
-def _closure(case: SearchCase, posed: Posed) -> Closure:
-    """The hand closed; fingers that touch the object where they should not stay open, as long as two others close."""
-    hand, closed = posed.hand, posed.closed.copy()
+def _closure(case: SearchCase, posed: Posed, rough: bool) -> Closure:
+    """The hand closed; fingers that touch the object where they should not stay open, as long as two others close.
+
+    ``rough``: it is that of hulls.
+    """
+    hand, closed, prepared = posed.hand, posed.closed.copy(), case.closing
+    if not rough:
+        prepared = PreparedClosing(hand, case.body, collisions=prepared.collisions)
     if cannot_stop_alone(hand) and not case.wrap:
-        closure = centre_on(hand, case.body, posed.opened, closed, case.collisions)
+        closure = centre_on(hand, case.body, posed.opened, closed, prepared)
         if closure is not None:
             return closure
     closing = {finger.name: finger for finger in hand.fingers}
     while True:
-        closure = close_hand(
-            hand, case.body, start=posed.opened, target=closed, wrap=case.wrap, collisions=case.collisions
-        )
+        closure = close_hand(hand, case.body, start=posed.opened, target=closed, wrap=case.wrap, prepared=prepared)
         misses = case.wish_check.misses(closure, posed.look_o) if case.wish_check.of_parts else ()
         outside = {name for miss in misses for name in miss.fingers if name in closing}
         if not outside or len(closing) - len(outside) < 2:

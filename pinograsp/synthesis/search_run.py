@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from pinograsp.contacts.advance import PreparedClosing
+from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.errors import InvalidInput, PinograspError
 from pinograsp.interrupts import parallel_results
 from pinograsp.synthesis.found import FoundGrasp
@@ -136,7 +138,8 @@ def _in_a_file(case: SearchCase, path: Path) -> str:
     import cloudpickle
 
     try:
-        content = cloudpickle.dumps(replace(case, rough=case.hand, scene=None))  # found again there
+        # Found again there.
+        content = cloudpickle.dumps(replace(case, rough=case.hand, scene=None, closing=None))  # type: ignore[arg-type]
     except (pickle.PicklingError, TypeError, AttributeError) as error:
         raise InvalidInput(
             f"find_grasps: hand, object or conditions cannot go to other processes ({error}): use jobs=1"
@@ -150,7 +153,8 @@ def _in_a_file(case: SearchCase, path: Path) -> str:
 def _case(path: str) -> SearchCase:
     case: SearchCase = pickle.loads(Path(path).read_bytes())
     rough = hand_of_hulls(case.hand)
-    return replace(case, rough=rough, scene=scene_of(rough, case.body))
+    closing = PreparedClosing(rough, case.body, collisions=SelfCollisions(case.hand))
+    return replace(case, rough=rough, scene=scene_of(rough, case.body), closing=closing)
 
 
 def _try(case: SearchCase | str, seed: np.random.SeedSequence, size: int) -> Batch | Exception:

@@ -115,26 +115,43 @@ public:
         : one_(one), other_(other), there_(there), deep_(deep) {
         gap.normal = normal;
         widest_ = beyond;
-        if (!one.empty() && !other.empty()) look(0, 0);
+        if (one.empty() || other.empty()) return;
+        middle_ = there.act_back(one.bounds().middle);
+        face();
+        look(0, 0);
     }
 
     Separation gap{std::numeric_limits<double>::infinity(), {}};
 
 private:
+    // The direction known so far: as the other sees it, and how far what is of one piece reaches along it.
+    void face() {
+        seen_ = there_.turn_back(-1.0 * gap.normal);
+        off_ = dot(gap.normal, there_.t);
+        if (one_.whole()) reach_ = dot(gap.normal, one_.piece(0).farthest(gap.normal));
+        if (other_.whole()) other_reach_ = dot(seen_, other_.piece(0).farthest(seen_));
+    }
+
     // How far two nodes are apart at least: by the balls around their boxes, and across the direction known so far.
     double room(const Bounds& a, const Bounds& b) const {
-        const Triple& along = gap.normal;
-        const double parted = dot(along, there_.t) - b.reach(there_.turn_back(-1.0 * along)) - a.reach(along);
-        return parted >= widest_ ? parted : std::max(parted, room_between(a, b, there_, widest_));
+        const double parted =
+            off_ - (other_.whole() ? other_reach_ : b.reach(seen_)) - (one_.whole() ? reach_ : a.reach(gap.normal));
+        if (parted >= widest_) return parted;
+        if (!one_.whole()) return std::max(parted, room_between(a, b, there_, widest_));
+        const double room = std::max(parted, std::sqrt(b.squared(middle_)) - a.radius);
+        return room >= widest_ ? room : std::max(room, std::sqrt(a.squared(there_.act(b.middle))) - b.radius);
     }
 
     void look(int i, int j) {
         const Body::Node &a = one_.node(i), &b = other_.node(j);
         if (a.left < 0 && b.left < 0) {
+            const Solid& piece = other_.piece(b.right);
+            if (one_.whole() && off_ - reach_ - dot(seen_, piece.farthest(seen_)) > widest_) return;
             const Separation found =
                 measure({one_.piece(a.right), other_.piece(b.right), there_}, gap.normal, widest_, deep_);
             if (!(found.distance <= widest_)) return;
             gap = found;
+            face();
             widest_ = gap.distance > 0.0 ? gap.distance - alike : -std::numeric_limits<double>::infinity();
             return;
         }
@@ -151,7 +168,8 @@ private:
 
     const Body &one_, &other_;
     Frame there_;
-    double widest_;
+    Triple seen_{}, middle_{};
+    double widest_, off_ = 0.0, reach_ = 0.0, other_reach_ = 0.0;
     bool deep_;
 };
 

@@ -202,6 +202,14 @@ private:
             const double size = length(along);
             along = size > 0.0 ? (1.0 / size) * along : Triple{1.0, 0.0, 0.0};
         }
+        if (hull.whole() && !solid.whole() && !scene_.hull.empty()) {
+            // Most are clear of the object's convex hull, which takes one look.
+            const Parting plane = part({hull.piece(0), scene_.hull, there}, along, roughly, beyond);
+            if (plane.distance > beyond) {
+                if (follows_) before = plane.normal;
+                return {plane.distance, plane.normal};
+            }
+        }
         const Separation gap = Nearest(hull, solid, there, along, beyond).gap;
         if (follows_) before = gap.normal;
         return gap;
