@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from pinograsp import core
 from pinograsp.objects.body import NO_DIRECTION, tangents
 from pinograsp.spatial import Array, BoolArray, IntArray, cross
 
@@ -23,7 +26,8 @@ _TINY = np.finfo(float).tiny  # divides what is zero anyway
 class TriangleSurface:
     """A closed surface of triangles wound outwards, prepared for queries: vertices (n, 3) [m], faces (m, 3).
 
-    Nearest points come from a binary tree of axis-aligned boxes that all points descend together. The sign is that of
+    Nearest points come from a binary tree of axis-aligned boxes: the core's, or one that all points descend together.
+    The sign is that of
     the angle-weighted normal of the nearest face, edge or corner (J. A. Baerentzen and H. Aanaes, Signed Distance
     Computation Using the Angle Weighted Pseudonormal, IEEE Trans. Vis. Comput. Graph. 11(3), 2005), which is exact for
     closed surfaces that do not cross themselves; at triangles too flat to have a normal the winding number decides.
@@ -49,7 +53,14 @@ class TriangleSurface:
         duals = cross(ac, self.normals) / safe, cross(self.normals, ab) / safe
         self._rows = np.stack([ab, ac, self.normals, *duals], axis=1)
         self._squares = np.stack([(ab**2).sum(axis=1), (ac**2).sum(axis=1), (ab * ac).sum(axis=1)], axis=1)
-        self._build_tree(np.flatnonzero(~flat))
+        self._solid = np.flatnonzero(~flat)  # those without a normal lie along the sides of others
+        self._low, self._high = self.corners.min(axis=1), self.corners.max(axis=1)
+        self._compiled: Any = None  # the core's tree, built when it is asked
+        self._boxes: list[tuple[Array, Array]] = []  # the tree without the core
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the core's tree, which is built anew."""
+        return {**self.__dict__, "_compiled": None}
 
     def _pseudonormals(self, vertices: Array, faces: IntArray, sides: Array) -> Array:
         """Unit normals (m, 7, 3) of each triangle: its own, its three edges' and its three corners'."""
@@ -69,7 +80,7 @@ class TriangleSurface:
         return found
 
     def _build_tree(self, members: IntArray) -> None:
-        """Of triangles with a normal: those without lie along the sides of others."""
+        """Of triangles with a normal, where there is no compiled core."""
         depth = int(np.ceil(np.log2(max(len(members) / _LEAF, 1))))
         order = np.resize(members, (1, _LEAF << depth))  # repeats fill the last leaves
         centres = self.corners.mean(axis=1)
@@ -79,7 +90,7 @@ class TriangleSurface:
             along = np.take_along_axis(here, axis[:, None, None], axis=2)[..., 0]
             order = np.take_along_axis(order, along.argsort(axis=1), axis=1).reshape(2 * len(order), -1)
         self._leaves = order
-        low, high = self.corners.min(axis=1)[order].min(axis=1), self.corners.max(axis=1)[order].max(axis=1)
+        low, high = self._low[order].min(axis=1), self._high[order].max(axis=1)
         self._boxes = [(low, high)]
         while len(low) > 1:
             low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
@@ -115,7 +126,26 @@ class TriangleSurface:
         k = len(points)
         if k == 0:
             return np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros(0, dtype=bool)
-        count = len(self._leaves)
+        point, face = self._near(points)
+        surface, feature = _nearest_on(points[point], self.corners[face])
+        offset = surface - points[point]
+        squared = (offset**2).sum(axis=1)
+        first = np.searchsorted(point, np.arange(k))
+        best = np.lexsort((face, squared, point))[first]
+        turned = (offset * offset[best][point]).sum(axis=1) < _OPPOSITE * np.sqrt(squared * squared[best][point])
+        turned &= (squared <= _widen(squared[best])[point]) & (squared > NO_DIRECTION**2)
+        return face[best], feature[best], surface[best], np.logical_or.reduceat(turned, first)
+
+    def _near(self, points: Array) -> tuple[IntArray, IntArray]:
+        """Points, by number in ascending order (p,), and triangles (p,) that may be nearest to them: few each."""
+        if core.is_installed():
+            if self._compiled is None:
+                self._compiled = core.load().Triangles(self.corners[self._solid])
+            found = self._compiled.find_near(np.ascontiguousarray(points, dtype=float), 2 * NO_DIRECTION)
+            return found.point, self._solid[found.triangle]
+        if not self._boxes:
+            self._build_tree(self._solid)
+        k, count = len(points), len(self._leaves)
         if k * count * _LEAF <= _FEW_PAIRS:
             point, node = np.repeat(np.arange(k), count), np.tile(np.arange(count), k)
         elif k * count <= _FEW_BOXES:
@@ -132,22 +162,13 @@ class TriangleSurface:
                 keep = _squared_gap(points[point], low[node], high[node]) <= reach[point]
                 point, node = point[keep], node[keep]
                 if k > 1 and len(point) * _LEAF > _MOST_PAIRS:
-                    halves = [self._search(points[: k // 2]), self._search(points[k // 2 :])]
-                    nearest, feature, surface, opposite = (np.concatenate(part) for part in zip(*halves))
-                    return nearest, feature, surface, opposite
+                    (one, faces), (other, more) = self._near(points[: k // 2]), self._near(points[k // 2 :])
+                    return np.concatenate([one, k // 2 + other]), np.concatenate([faces, more])
         point, face = np.repeat(point, _LEAF), self._leaves[node].ravel()
         squared, doubt = self._squared_distances(points[point], face)
         farthest = np.minimum.reduceat(squared + doubt, np.searchsorted(point, np.arange(k)))
         keep = squared - doubt <= _widen(farthest)[point]
-        point, face = point[keep], face[keep]  # few: what is left is measured to the last digit
-        surface, feature = _nearest_on(points[point], self.corners[face])
-        offset = surface - points[point]
-        squared = (offset**2).sum(axis=1)
-        first = np.searchsorted(point, np.arange(k))
-        best = np.lexsort((face, squared, point))[first]
-        turned = (offset * offset[best][point]).sum(axis=1) < _OPPOSITE * np.sqrt(squared * squared[best][point])
-        turned &= (squared <= _widen(squared[best])[point]) & (squared > NO_DIRECTION**2)
-        return face[best], feature[best], surface[best], np.logical_or.reduceat(turned, first)
+        return point[keep], face[keep]
 
     def _first_guess(self, points: Array) -> Array:
         """A squared distance (k,) within which some triangle lies: that to the leaf that lies down the nearer boxes."""
@@ -201,9 +222,8 @@ class TriangleSurface:
         is left out. NaN where nothing is left to fit: at sharp edges and tips.
         """
         curvatures, directions = np.full((len(surface), 2), np.nan), np.full((len(surface), 3), np.nan)
-        low, high = self.corners.min(axis=1), self.corners.max(axis=1)
         near = [
-            np.flatnonzero((_squared_gap(centre, low, high) < radius**2) & (self.normals @ normal > 0.5))
+            np.flatnonzero((_squared_gap(centre, self._low, self._high) < radius**2) & (self.normals @ normal > 0.5))
             for centre, normal in zip(surface, outward)
         ]
         owner: IntArray = np.repeat(np.arange(len(near)), [len(own) for own in near])

@@ -132,6 +132,42 @@ void check_scene() {
         if (!std::isfinite(one)) fail("a Jacobian that is not finite", one, 0.0);
 }
 
+// No triangle is nearer to a point than all those that are found, whatever the numbers are.
+void check_triangles() {
+    const int hostile = below(3) > 0 ? 0 : 20, count = below(40);
+    std::vector<Triple> corners;
+    for (int i = 0; i < 3 * count; ++i)
+        corners.push_back(i > 0 && below(4) == 0 ? corners[below(i)] : triple(below(2) == 0 ? 0.1 : 0.01, hostile));
+    Triangles triangles(corners);
+    const Triple point = count > 0 && below(4) == 0 ? corners[below(3 * count)] : triple(0.2, hostile);
+    NearTriangles found;
+    triangles.find_near(point, 7, 2e-9, found);
+    if (found.point.size() != found.triangle.size() || found.triangle.size() > static_cast<std::size_t>(count))
+        fail("triangles that are found", static_cast<double>(found.triangle.size()), count);
+    for (std::int64_t one : found.triangle)
+        if (one < 0 || one >= count) fail("no such triangle", static_cast<double>(one), count);
+    if (hostile > 0 || count == 0) return;
+    if (found.triangle.empty()) fail("nothing is near", 0.0, count);
+    const auto distance = [&](std::int64_t i) {  // by another method, from above
+        double least = std::numeric_limits<double>::infinity();
+        for (int a = 0; a <= 60; ++a)
+            for (int b = 0; a + b <= 60; ++b) {
+                const Triple at = (a / 60.0) * corners[3 * i] + (b / 60.0) * corners[3 * i + 1] +
+                                  ((60 - a - b) / 60.0) * corners[3 * i + 2];
+                least = std::min(least, length(point - at));
+            }
+        return least;
+    };
+    // Half of a side of the mesh of points more than it is.
+    double nearest = std::numeric_limits<double>::infinity(), longest = 0.0;
+    for (std::int64_t one : found.triangle) nearest = std::min(nearest, distance(one));
+    for (std::size_t i = 0; i < corners.size(); ++i)
+        longest = std::max(longest, length(corners[i] - corners[i % 3 == 2 ? i - 2 : i + 1]));
+    for (int i = 0; i < count; ++i)
+        if (const double other = distance(i); other + 1e-9 < nearest - longest / 60.0)
+            fail("a nearer triangle", other, nearest);
+}
+
 }  // namespace
 
 int main(int count, char** arguments) {
@@ -142,6 +178,7 @@ int main(int count, char** arguments) {
         random_bits.seed(input);
         check_pair();
         check_scene();
+        check_triangles();
     }
     std::printf("touches of %llu inputs hold\n", most);
     return 0;

@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import itertools
 import pickle
+import secrets
 import sys
 import types
 from decimal import Decimal, localcontext
@@ -18,6 +19,7 @@ from hypothesis import given, strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from pinograsp import core
 from pinograsp.contacts import contacts_at
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.objects import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere, object_from
@@ -396,7 +398,27 @@ def test_normals_on_edges_are_the_mean_of_the_faces():
     assert np.allclose(normals[2], [-1, 0, 0])
 
 
+@pytest.mark.parametrize("name", GENERAL)
+def test_nearest_points_are_the_same_without_the_core(name, monkeypatch):
+    mesh, rng = GENERAL[name], np.random.default_rng(secrets.randbelow(10**9))
+    surface = TriangleSurface(mesh.vertices, mesh.faces)
+    size = np.abs(mesh.vertices).max()
+    points = np.concatenate(
+        [
+            size * rng.normal(size=(100, 3)),
+            mesh.vertices[:20],
+            mesh.vertices[mesh.faces[:20]].mean(axis=1),
+            np.zeros((1, 3)),
+        ]
+    )
+    compiled = surface.nearest(points)
+    monkeypatch.setattr(core, "is_installed", lambda: False)
+    for found, expected in zip(surface.nearest(points), compiled):
+        assert np.array_equal(found, expected)
+
+
 def test_many_points_at_once_are_the_same_as_few(monkeypatch):
+    monkeypatch.setattr(core, "is_installed", lambda: False)
     ring = GENERAL["ring"]
     surface = TriangleSurface(ring.vertices, ring.faces)
     points = np.random.default_rng(11).normal(size=(200, 3)) * 0.03

@@ -31,6 +31,11 @@ View view(double* values, std::initializer_list<std::size_t> shape, nb::handle o
     return View(values, shape.size(), shape.begin(), owner);
 }
 
+// Indices in memory that `owner` keeps.
+nb::ndarray<nb::numpy, std::int64_t, nb::ndim<1>> view(std::vector<std::int64_t>& values, nb::handle owner) {
+    return {values.data(), {values.size()}, owner};
+}
+
 // The same of values of each contact, one or three, or, with a width of 0, of each joint.
 View view_of(double* values, int width, std::size_t contacts, std::size_t joints, nb::handle owner) {
     if (width == 0) return view(values, {joints}, owner);
@@ -994,10 +999,7 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     numbers("depth", &Touches::depth);
     numbers("gravity", &Touches::gravity);
     const auto indices = [&touches](const char* name, std::vector<std::int64_t> Touches::* values) {
-        touches.def_prop_ro(name, [values](nb::handle self) {
-            std::vector<std::int64_t>& own = nb::cast<Touches&>(self).*values;
-            return nb::ndarray<nb::numpy, std::int64_t, nb::ndim<1>>(own.data(), {own.size()}, self);
-        });
+        touches.def_prop_ro(name, [values](nb::handle self) { return view(nb::cast<Touches&>(self).*values, self); });
     };
     indices("grasp", &Touches::grasp);
     indices("part", &Touches::part);
@@ -1025,6 +1027,27 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
             },
             nb::kw_only(), "arms"_a, "gains"_a, "joints"_a, "object"_a, "stiffness"_a, "loads"_a, "bounds"_a, "steps"_a,
             "step"_a, "loaded"_a, "mass"_a, "mu"_a, "torsion"_a);
+    nb::class_<NearTriangles>(m, "NearTriangles")
+        .def_prop_ro("point", [](nb::handle self) { return view(nb::cast<NearTriangles&>(self).point, self); })
+        .def_prop_ro("triangle", [](nb::handle self) { return view(nb::cast<NearTriangles&>(self).triangle, self); });
+    nb::class_<Triangles>(m, "Triangles")
+        .def(
+            "__init__",
+            [](Triangles* own, Numbers corners) {
+                need(corners.size() % 9 == 0, "corners");
+                new (own) Triangles(triples_of(corners, "corners"));
+            },
+            "corners"_a)
+        .def(
+            "find_near",
+            [](Triangles& own, Numbers points, double slack) {
+                need_number(slack, false, "slack");
+                NearTriangles found;
+                std::int64_t which = 0;
+                for (const Triple& point : triples_of(points, "points")) own.find_near(point, which++, slack, found);
+                return found;
+            },
+            "points"_a, "slack"_a);
     nb::class_<Scene>(m, "Scene")
         .def(nb::init<std::int64_t, Numbers, Numbers>(), "inputs"_a, "root"_a, "object_pose"_a)
         .def("add_joint", &Scene::add_joint, "parent"_a, "input"_a, "frame"_a, "screw"_a, "mass"_a, "moment"_a)

@@ -10,3 +10,4 @@
 #include "core/online.hpp"
 #include "core/springs.hpp"
 #include "core/touch.hpp"
+#include "core/triangles.hpp"
