@@ -19,7 +19,6 @@ from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import hull_points
 from pinograsp.objects.body import Body
 from pinograsp.objects.mesh import Mesh
-from pinograsp.objects.mesh_checks import is_convex
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 CORNERS = 4  # of an area, at most
@@ -189,6 +188,6 @@ class BulkScene:
 
 def _parts(body: Body, surface: bool) -> tuple[Array, ...]:
     """Corners of convex parts that together are about an object; none where its surface stands for it."""
-    if not isinstance(body, Mesh) or (surface and not is_convex(body.vertices, body.faces)):
+    if not isinstance(body, Mesh) or (surface and not body.fills_hull):
         return ()
     return body.convex_parts.corners

@@ -125,7 +125,7 @@ class _Closing:
     """The state of a hand that closes: posture, joints that still move, what touches."""
 
     def __init__(self, hand: HandModel, body: Body, start: Array, target: Array, prepared: PreparedClosing, wrap: bool):
-        self.hand, self.body, self.start, self.target = hand, body, start, target
+        self.hand, self.body, self.start, self.target, self.names = hand, body, start, target, hand.joint_names
         self.parts, self.distances = prepared.parts_at(hand), Distances(hand, body)
         self.way = Approach(prepared, hand, body)
         self.q, self.at = start.copy(), 0.0
@@ -248,7 +248,7 @@ class _Closing:
     def note_end(self, i: int) -> None:
         """Note that joint i is at the end of its path, which may be its limit."""
         at_limit = abs(self.q[i] - self.tops[i]) <= 1e-9
-        self.stops[self.hand.joint_names[i]] = "joint limit" if at_limit else "end of path"
+        self.stops[self.names[i]] = "joint limit" if at_limit else "end of path"
 
     def touch(self, part: HandPart, gap: float, point: Array) -> None:
         """Note a touch and stop the joints that carry the part."""
@@ -277,13 +277,13 @@ class _Closing:
         self.at_touch[part.finger] = self.q.copy()
         for i in np.flatnonzero((part.reach > 0) & self.free):
             self.free[i] = False
-            self.stops[self.hand.joint_names[i]] = f"touch of {part.link}"
+            self.stops[self.names[i]] = f"touch of {part.link}"
         self.events.append((self.at, self.q.copy()))
 
     def push(self, friction: float) -> None:
         """Go on with actuators that several fingers share, the object yielding, until it is caged or jammed."""
         stopped = {name for name, reason in self.stops.items() if reason.startswith("touch")}
-        shared = np.array([i in self.shared and name in stopped for i, name in enumerate(self.hand.joint_names)])
+        shared = np.array([i in self.shared and name in stopped for i, name in enumerate(self.names)])
         if not shared.any():
             return
         parts = [
@@ -338,7 +338,7 @@ class _Closing:
             if last is None:
                 continue
             for i in finger.dofs.tolist():
-                if not self.stops.get(self.hand.joint_names[i], "").startswith("touch") and i not in self.shared:
+                if not self.stops.get(self.names[i], "").startswith("touch") and i not in self.shared:
                     self.q[i] = last[i]
         notes = [f"'{touch.link}' touches, but belongs to no finger" for touch in self.touches if not touch.finger]
         touching = {touch.finger for touch in self.touches}

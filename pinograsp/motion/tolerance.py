@@ -28,16 +28,17 @@ def sample_commands(
     soft: Array,
     stiff: Array,
     limit: Array,
+    begin: float = 0.0,
     free: float | None = None,
     step: float = STEP,
 ) -> ClosingCommands:
-    """Commands (m, n) at ``times`` (m,) [s] in equal steps, with a hold after them; what is fixed is let go at a time
-    ``free`` [s], None: at the last one.
+    """Commands (m, n) at ``times`` (m,) [s] from ``begin`` on in equal steps, with a hold after them; what is fixed is
+    let go at a time ``free`` [s], None: at the last one.
 
     ``soft``, ``stiff``, ``limit``: as in :class:`~pinograsp.contacts.misplaced.ClosingCommands`.
     """
-    complete = int(np.ceil(times[-1] / step - 1e-9))
-    at = np.minimum(step * np.arange(complete + 2), times[-1])
+    complete = int(np.ceil((times[-1] - begin) / step - 1e-9))
+    at = np.minimum(begin + step * np.arange(complete + 2), times[-1])
     sampled, efforts = (
         np.column_stack([np.interp(at, times, column) for column in values.T]) for values in (q, effort)
     )
@@ -52,7 +53,7 @@ def sample_commands(
         stiff=stiff,
         limit=limit,
         complete=complete,
-        free=complete if free is None else round(free / step),
+        free=complete if free is None else round((free - begin) / step),
         settled=settled,
         steps=settled + round(HOLD / step),
     )

@@ -14,7 +14,7 @@ from pinograsp.checks import array_of, brief, flag, items_of, number, one_line, 
 from pinograsp.errors import InvalidInput
 from pinograsp.objects.body import Body
 from pinograsp.objects.decomposition import ConvexParts, convex_parts
-from pinograsp.objects.mesh_checks import convex_surface
+from pinograsp.objects.mesh_checks import convex_surface, is_convex
 from pinograsp.objects.mesh_files import mesh_files, read_regions, read_surface
 from pinograsp.objects.mesh_union import concatenate, convex_pieces, one_of_several, one_solid
 from pinograsp.objects.triangles import TriangleSurface
@@ -46,6 +46,7 @@ class _Derived:
     surface: TriangleSurface | None = None
     collision: coal.CollisionGeometry | None = None
     fit_radius: float | None = None
+    fills_hull: bool | None = None
     parts: ConvexParts | None = None
 
 
@@ -237,6 +238,13 @@ class Mesh(Body):
             one = ConvexParts((vertices,), 0.0)
             self._derived.parts = one if self.convex else convex_parts(vertices, self.faces, self._surface)
         return self._derived.parts
+
+    @property
+    def fills_hull(self) -> bool:
+        """Whether the surface is that of its convex hull, up to a thousandth of the volume."""
+        if self._derived.fills_hull is None:
+            self._derived.fills_hull = self.convex or is_convex(self._derived.vertices_s, self.faces)
+        return self._derived.fills_hull
 
     @property
     def _surface(self) -> TriangleSurface:

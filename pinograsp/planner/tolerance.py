@@ -18,6 +18,7 @@ from pinograsp.plan.tolerance import PoseError, PoseTolerance
 
 DROPS = "the object drops"  # how the caution of that begins
 _FINE = 1e-3  # [s] steps of an object that falls for hundredths of a second
+_BEFORE = 0.05  # [s] that its fixed object is closed on before it is let go
 
 
 def tell_tolerance(
@@ -106,6 +107,7 @@ def _closing_of(
         soft=stiff if motion.closing_stiffness is None else motion.closing_stiffness,
         stiff=stiff,
         limit=plan.torque_limit,
+        begin=0.0 if free is None else max(0.0, free - _BEFORE),
         free=free,
         step=step,
     )
