@@ -11,7 +11,7 @@ import pytest
 from conftest import make_contacts
 
 import pinograsp as pg
-from pinograsp.contacts import Friction
+from pinograsp.contacts import Friction, contacts_at
 from pinograsp.errors import InvalidInput, Status
 from pinograsp.forces import (
     LoadSet,
@@ -368,6 +368,25 @@ def test_the_best_squeeze_on_a_line_of_normal_forces():
     assert found.normal_forces == pytest.approx(start + size * along, rel=1e-6)
     assert found.certificate.objective >= best.certificate.objective
     assert found.certificate.relative_gap < 1e-6  # proven for the line
+
+
+def test_contacts_nearly_on_a_line_need_what_two_on_it_do():
+    """Soft fingers, two of them beside each other: one direction is balanced by next to nothing, and rounding decides."""
+    body, rng = pg.Cylinder(radius=0.03, height=0.14, mass=0.3), np.random.default_rng(secrets.randbelow(10**9))
+
+    def squeeze(angles, heights):
+        points = np.column_stack([0.03 * np.cos(angles), 0.03 * np.sin(angles), heights])
+        contacts = contacts_at(None, body, points)
+        friction = Friction(model="soft", torsion=0.003)
+        return optimize_reserve(pg.ForceProblem.holding(body, contacts, mu=0.6, friction=friction), pg.Reserve(), 0.9)
+
+    two, found = squeeze(np.array([0.0, np.pi]), np.zeros(2)), []
+    for off in 10.0 ** -rng.uniform(3, 6, size=30):
+        angles = np.array([0.0, np.pi, np.pi]) + off * rng.normal(size=3)
+        found.append(squeeze(angles, 0.03 * off * rng.normal(size=3)))
+    objectives = [one.certificate.objective for one in found if one.status is Status.OK]
+    assert len(objectives) >= 24  # 29 on average
+    assert np.allclose(objectives, two.certificate.objective, rtol=0.01)
 
 
 def test_no_squeeze_on_a_line_that_does_not_press(contact_set):

@@ -22,6 +22,10 @@ from pinograsp.forces.solve.conic import Cone, Triplets, cone_rows, solve, spars
 from pinograsp.forces.solve.program import Program, feasibility
 from pinograsp.spatial import Array, BoolArray
 
+_HARDLY = 1e-9  # of what tangential forces balance best: less is nothing
+# Whether the rows of balance are evened, and the solver's steps short: until forces are certified.
+_ATTEMPTS = (True, False), (True, True), (False, False), (False, True)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReactedLoads:
@@ -66,6 +70,11 @@ class RobustProgram:
         self.k, self.e, self.s = program.k, program.d - 1, len(reacted.loads)
         self.shares, self.first = reacted.shares, self.s if reacted.first is None else reacted.first
         self.rows = len(program.b)
+        # With what tangential forces hardly balance counting as much as the rest: else the solver ends before that is
+        # balanced.
+        u, sizes, _ = np.linalg.svd(program.A.reshape(self.rows, self.k, -1)[:, :, :-1].reshape(self.rows, -1))
+        sizes = np.resize(np.append(sizes, np.zeros(self.rows)), self.rows)
+        self.evened = self.weighed = (u / np.where(sizes > _HARDLY * sizes[0], sizes, sizes[0])).T
         self.radius = load_set.ball / program.force_scale
         self.per_load = self.k * self.e
         self.L = self.k + self.s * self.per_load
@@ -88,7 +97,6 @@ class RobustProgram:
         started = time.perf_counter()
         if np.any(self.program.lo > self.program.hi):
             return self.record(Status.INFEASIBLE, None, -np.inf, started)
-        A, b, cones = self.constraints()
         q = np.zeros(self.size)
         for c, p in self.program.powers:
             if p == 1:
@@ -97,15 +105,17 @@ class RobustProgram:
             q[self.extra + j * self.k : self.extra + (j + 1) * self.k] = c
         q[self.peak :] = self.program.peak
         P = sp.csc_matrix((self.size, self.size))
-        found = solve(P, q, A, b, cones)
-        if str(found.status) == "InsufficientProgress":
-            found = solve(P, q, A, b, cones, careful=True)
-        z = np.array(found.x)
-        if np.isfinite(z).all() and "Infeasible" not in str(found.status):
-            bound = float(found.obj_val_dual) if self.radius else self.lower_bound(z, np.array(found.z))
-            tried = self.record(Status.OK, z, bound, started)
-            if tried.status is Status.OK:
-                return tried
+        for weighed, careful in _ATTEMPTS:
+            A, b, cones = self.constraints(weighed)
+            found = solve(P, q, A, b, cones, careful=careful)
+            z = np.array(found.x)
+            if "Infeasible" in str(found.status):
+                break
+            if np.isfinite(z).all():
+                bound = float(found.obj_val_dual) if self.radius else self.lower_bound(z, np.array(found.z))
+                tried = self.record(Status.OK, z, bound, started)
+                if tried.status is Status.OK:
+                    return tried
         if not prove_it:
             return self.record(Status.INACCURATE, None, -np.inf, started)
         if self.radius:
@@ -116,13 +126,14 @@ class RobustProgram:
                 str(found.status) == "PrimalInfeasible" and along < 0 and bool(np.abs(A.T @ ray).max() <= -1e-7 * along)
             )
         else:
-            proven = self.proven_infeasible(A, b, cones)
+            proven = self.proven_infeasible(weighed) or self.proven_infeasible(not weighed)
         return self.record(Status.INFEASIBLE if proven else Status.INACCURATE, None, -np.inf, started)
 
-    def proven_infeasible(self, A: sp.csc_matrix, b: Array, cones: Sequence[Cone]) -> bool:
-        """Phase one over all loads: the least residuals and torque excesses give a certificate, which is checked in
-        closed form.
+    def proven_infeasible(self, weighed: bool) -> bool:
+        """Phase one over all loads, with rows evened or not: the least residuals and torque excesses give a
+        certificate, which is checked in closed form.
         """
+        A, b, cones = self.constraints(weighed)
         m, per_load = len(self.program.R), self.facets + 2 * len(self.program.R)
         slack = np.zeros((A.shape[0], self.equalities + self.s * m))
         slack[np.arange(self.equalities), np.arange(self.equalities)] = -1.0
@@ -137,18 +148,19 @@ class RobustProgram:
         size = float(np.abs(z).max())
         if not np.isfinite(size) or size <= 1e-9:
             return False
-        y = z[: self.s * self.rows].reshape(self.s, self.rows) / size
+        y = z[: self.s * self.rows].reshape(self.s, self.rows) @ self.weighed / size
         w = z[self.equalities :].reshape(self.s, m) / size
         slopes, total = self.sum_slopes(y, w, z[self.fixed_at : self.equalities] / size)
         return total + self.program.least(slopes) > TOLERANCE.proof
 
-    def constraints(self) -> tuple[sp.csc_matrix, Array, list[Cone]]:
-        """Rows A, right-hand side b and cones of A x + s = b."""
+    def constraints(self, weighed: bool) -> tuple[sp.csc_matrix, Array, list[Cone]]:
+        """Rows A, right-hand side b and cones of A x + s = b, with the rows of balance evened or as they are."""
+        self.weighed = self.evened if weighed else np.eye(self.rows)
         p, k, s = self.program, self.k, self.s
         self.select, facets, second, sizes = cone_rows(p.matrices)
         rows = Triplets(self.k, self.per_load)
-        rows.of_every_load(p.A, s, self.shares)
-        b = [(self.targets - self.react_to(p.A)).ravel()]
+        rows.of_every_load(self.weighed @ p.A, s, self.shares)
+        b = [((self.targets - self.react_to(p.A)) @ self.weighed.T).ravel()]
         if self.radius:
             tangential = p.A.reshape(self.rows, k, p.d)[:, :, :-1].reshape(self.rows, -1)
             # A_t L = -1. Column order of L: (contact, component, row), so this is a Kronecker product.
@@ -229,7 +241,7 @@ class RobustProgram:
         solution without a ball; the last as far as they count on the normal forces.
         """
         m = len(self.program.R)
-        y = dual[: self.s * self.rows].reshape(self.s, self.rows)
+        y = dual[: self.s * self.rows].reshape(self.s, self.rows) @ self.weighed
         per_load = dual[self.torque_at : self.torque_at + self.s * (self.facets + 2 * m)].reshape(
             self.s, self.facets + 2 * m
         )
