@@ -251,44 +251,46 @@ class _Meaning(NamedTuple):
 
 # Exceptions of several lines' kinds mean the first of them.
 _MEANINGS = {
-    Status.OK: _Meaning(0, "forces proven, motion found, no doubts except the cautions", "", _HELD),
+    Status.OK: _Meaning(
+        0, "forces are proven, a motion is found, and only the cautions cast doubt on the plan", "", _HELD
+    ),
     Status.UNBALANCED: _Meaning(
         0,
-        "the forces of a grid balance the load but for a small rest",
+        "the forces of a grid search balance the load except for a small residual",
         "These normal forces cannot balance the load: change them, raise mu or move the contacts.",
         "Almost",
     ),
     Status.NOT_TRACKED: _Meaning(
         0,
-        "a finger cannot follow its path to the last micrometre; how far it is off is said",
-        "Contact points cannot follow their paths: the motion's remedy says what keeps which finger from it.",
+        "a finger cannot follow its path exactly; the message says by how much it misses it",
+        "Contact points cannot follow their paths: the motion's remedy names the finger and the cause.",
         _UNSURE,
     ),
     Status.JOINT_LIMIT: _Meaning(
         3,
-        "a joint meets its limit, or is beyond it",
-        "A joint meets its limit: the motion's remedy names it. Widen it, or choose another contact posture or start.",
+        "a joint reaches its limit, or is beyond it",
+        "A joint reaches its limit: the motion's remedy names it. Widen the limit, or choose another posture or start.",
         _INCOMPLETE,
         code=1,
     ),
     Status.EARLY_CONTACT: _Meaning(
         0,
-        "a link meets the object, or another link, before its time",
-        "A link hits the object, or another link, before it is grasped: the motion's remedy names it. Start elsewhere.",
+        "a link touches the object, or another link, too early",
+        "A link hits the object, or another link, too early: the motion's remedy names it. Choose another start.",
         _INCOMPLETE,
     ),
     Status.DOUBTFUL: _Meaning(
         0,
         "more than a twentieth of the forces act on edges or hollow links, or the object gives way by more than 2 mm "
         "to the push of its reserve",
-        "Forces act on edges of the object or where links are hollow, which a small error turns, or the object gives "
-        "way far: the motion's remedy says which. Take another grasp.",
+        "Forces act on edges of the object or on hollow links, where a small error changes the normal, or the object "
+        "gives way too far: the motion's remedy says which. Choose another grasp.",
         _UNSURE,
     ),
     Status.INFEASIBLE: _Meaning(
         3,
-        "there are no forces, proven, or no point of the grid",
-        "What is in the way, and what was tried and would do, is in the message of a plan, or in diagnose().",
+        "no forces exist (proven), or no point of the grid balances the load",
+        "The message of a plan, or diagnose(), names the obstacle and the changes that would suffice.",
         errors=(GraspInfeasible, CarryInfeasible),
     ),
     Status.INACCURATE: _Meaning(
@@ -299,15 +301,15 @@ _MEANINGS = {
     ),
     Status.INTERRUPTED: _Meaning(
         130,
-        "Ctrl-C; nothing is half-written",
-        "It was stopped before its end: run it again, to the end.",
+        "Ctrl-C; no file is half-written",
+        "It was stopped before its end: run it again.",
         _INCOMPLETE,
         errors=(SearchInterrupted, KeyboardInterrupt),
     ),
     Status.NOT_FOUND: _Meaning(
         3,
         "no sample of a search holds the object",
-        "The message says how the samples ended, and what was tried and would do.",
+        "The message says how the samples ended, and which changes would suffice.",
         errors=(GraspNotFound,),
     ),
     Status.NOT_REACHED: _Meaning(
@@ -318,8 +320,8 @@ _MEANINGS = {
     ),
     Status.INVALID_INPUT: _Meaning(
         2,
-        "an argument cannot be used: expected, got, what to do",
-        "The message says what was expected, what came and what to do.",
+        "an argument cannot be used; the message says what was expected and what to do",
+        "The message says what was expected, what was given and what to do.",
         errors=(InvalidInput,),
     ),
     Status.EXTRA_MISSING: _Meaning(
@@ -341,7 +343,7 @@ _MEANINGS = {
         "Check the frames and units of hand and object, close the hand there again, or allow a greater depth.",
         code=2,
     ),
-    Status.SELF_COLLISION: _Meaning(3, "links of the hand overlap", "Take another posture.", code=3),
+    Status.SELF_COLLISION: _Meaning(3, "links of the hand overlap", "Choose another posture.", code=3),
     Status.NO_CONTACT: _Meaning(
         3,
         "fewer than two links touch the object",
@@ -351,43 +353,43 @@ _MEANINGS = {
     Status.NO_FORCES: _Meaning(
         3,
         "no forces at these contacts hold the weight, whatever the friction (proven up to mu = 2)",
-        "Take other contacts: these do not oppose each other.",
+        "Choose other contacts: these do not oppose each other.",
         code=5,
     ),
     Status.FRICTION: _Meaning(
         3,
         "no forces at these contacts hold the weight with this friction (proven); with more some do",
-        "The least friction that does is beside it.",
+        "The record gives the least friction that does.",
         code=6,
     ),
     Status.RESERVE: _Meaning(
         3,
-        "the weight is held, but not all that the reserve adds to it",
-        "How much of it is held is beside it: ask for less, or take other contacts.",
+        "the hand holds the weight, but not everything that the reserve adds",
+        "The record gives the share that is held: ask for less, or choose other contacts.",
         code=7,
     ),
     Status.TORQUE: _Meaning(
         3,
         "forces hold the object, but the squeeze takes more torque than the joints have",
-        "The largest weight that the joints hold is beside it.",
+        "The record gives the largest weight that the joints hold.",
         code=8,
     ),
     Status.DRIVES: _Meaning(
         3,
-        "forces hold the object, but the hand's drives cannot make them together",
-        "Take a posture in which they can, or leave the drives out of it (drives=False).",
+        "forces hold the object, but the hand's drives cannot produce them together",
+        "Choose a posture in which they can, or leave the drives out (drives=False).",
         code=9,
     ),
     Status.UNDECIDED: _Meaning(
         3,
-        "the solver gave no answer that passes its certificate",
+        "the solver found no answer that passes its certificate",
         "Nothing is proven: change load, mu or limits a little.",
         code=10,
     ),
     Status.GEOMETRY_FAILED: _Meaning(
         3,
         "the distance from the object could not be computed",
-        "Repair the mesh of object or link (slivers, triangles without area).",
+        "Repair the mesh of the object or the link (slivers, triangles without area).",
         code=11,
     ),
 }
