@@ -193,7 +193,7 @@ def _(problem: ForceProblem) -> _Page:
     thing, friction, wrench = problem.object, problem.friction, problem.balance == "wrench"
     model = f"{friction.model} of {friction.edges} edges" if friction.polyhedral else friction.model
     return _Page(
-        title="contact forces that bear a load" if thing is None else f"hold {name_object(thing)}",
+        title="contact forces that hold a load" if thing is None else f"hold {name_object(thing)}",
         lead=f"{problem.k} contacts, forces {'and moments' if wrench else 'alone'} in balance",
         columns=("contact", "link", "point [mm]", "mu"),
         rows=rows,
@@ -264,7 +264,7 @@ def _(simulation: Simulation) -> _Page:
         facts=(
             ("drift, turn", f"{1e3 * verdict.drift:.3g} mm, {verdict.turn:.3g} deg"),
             ("largest force error", f"{100 * verdict.force_error:.3g} %"),
-            ("touching without a plan", ", ".join(verdict.unplanned)),
+            ("touching although not planned", ", ".join(verdict.unplanned)),
             ("at their torque limit", ", ".join(verdict.saturated)),
             ("run", f"{simulation.mode}, {simulation.times[-1]:.3g} s in {simulation.elapsed:.2g} s"),
         ),

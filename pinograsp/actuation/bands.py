@@ -244,8 +244,8 @@ def _as_stiff_as_contacts(squeeze: Squeeze, hand: CompliantHand) -> float:
     gains = float(np.trace(hand.gains)) if hand.gains.ndim == 2 else float(hand.gains[hand.yielding].sum())
     if not gains > 0:
         raise InvalidInput(
-            f"servo gains: expected some above 0 and finite, whose ratios are kept, got {hand.gains.tolist()}: give "
-            "gains=np.ones(m) for the largest uniform one"
+            f"servo gains: expected finite values, some above 0, whose ratios are kept, got {hand.gains.tolist()}: "
+            "give gains=np.ones(m) for the largest uniform one"
         )
     by_drives = hand.jacobian @ hand.transmission
     contacts = float(np.trace(by_drives.T @ squeeze.stiffness(1.0) @ by_drives))

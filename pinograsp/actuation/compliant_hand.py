@@ -196,7 +196,7 @@ def _stiffness_of(name: str, value: object, size: int, *, least: str) -> Array:
     if stiffness.ndim == 2:
         matrix = symmetric_of(name, stiffness, size)
         if least == "above zero" and size and np.linalg.eigvalsh(matrix)[0] <= 0:
-            raise InvalidInput(f"{name}: expected a matrix without motions that nothing resists, got one with them")
+            raise InvalidInput(f"{name}: expected a matrix that resists every motion, got a singular one")
         return matrix
     if stiffness.shape != (size,):
         raise InvalidInput(f"{name}: expected {wanted}, got shape {stiffness.shape}")

@@ -86,7 +86,7 @@ class Squeeze:
         stiff = ratio * normal_stiffness(problem.compliance, planned[:, 2])[:, None]
         largest = float(np.abs(planned).max())
         if not largest > 0:
-            raise InvalidInput("solution: expected forces that press, got none: there is no squeeze to look at")
+            raise InvalidInput("solution: expected forces that press, got none: there is no squeeze to analyse")
         if np.any((stiff == 0) & (np.abs(planned[:, :2]) > NEGLIGIBLE * largest)):
             raise InvalidInput(
                 "tangential forces: expected none where contacts have no tangential stiffness, got "

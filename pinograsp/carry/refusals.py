@@ -27,17 +27,17 @@ def refuse_timing(task: CarryTask, passage: Passage) -> PinograspError:
     if over := _name_broken_limit(passage.constraints, slow, passage.level):
         turns = doubt_path(task.robot, task.path)
         remedies = "; ".join([f"{factor:.4g} times the speed is within the limits", *turns])
-        text = f"{where}, this speed asks for {over} (less {100 * kept:g} %); {remedies}"
+        text = f"{where}, this speed needs {over} (less {100 * kept:g} %); {remedies}"
         return CarryInfeasible(text, at=at, solution=passage.solution, factor=factor)
     proof = _find_proof(passage.constraints, slow, passage.level)
     if proof is None:
         return CarryUndecided(
-            f"no forces were found at {100 * at:.3g} % of the path at this speed, and none are ruled out",
+            f"no forces were found at {100 * at:.3g} % of the path at this speed, but it is not proven that none exist",
             solution=passage.solution,
         )
     return CarryInfeasible(
-        f"{where}, the grasp cannot hold the object at this speed, with what is kept free (proven): {_describe(proof)}"
-        f"; {factor:.4g} times the speed can be held: go slower, squeeze from other sides, keep less free",
+        f"{where}, the grasp cannot hold the object at this speed and with this headroom (proven): {_describe(proof)}; "
+        f"{factor:.4g} times the speed can be held: go slower, squeeze from other sides, keep less headroom",
         at=at,
         solution=proof,
         factor=factor,
@@ -50,15 +50,16 @@ def refuse_path(constraints: PathConstraints, s: Array, found: CarrySolution) ->
         proof = _find_proof(constraints, i, 0.0)
         if proof is not None:
             return CarryInfeasible(
-                f"at {100 * s[i]:.3g} % of the path the grasp cannot hold the object even at rest, with what is kept "
-                f"free (proven): {_describe(proof)}; turn the hand less, squeeze from other sides, keep less free",
+                f"at {100 * s[i]:.3g} % of the path the grasp cannot hold the object even at rest with this headroom "
+                f"(proven): {_describe(proof)}; turn the hand less, squeeze from other sides, keep less headroom",
                 at=float(s[i]),
                 solution=proof,
                 factor=0.0,
             )
     return CarryUndecided(
-        f"no timing was found, and none is ruled out: relative gap {found.gap:.1e}, balance to {found.residual:.1e} "
-        f"after {found.rounds} rounds; the arm may not bear the object at rest: see its torque limits",
+        f"no timing was found, but it is not proven that none exists: relative gap {found.gap:.1e}, balance to "
+        f"{found.residual:.1e} after {found.rounds} rounds; the arm may be too weak to hold the object at rest: check "
+        "its torque limits",
         solution=found,
     )
 
@@ -104,5 +105,5 @@ def _describe(proof: ConvexSolution) -> str:
     """What is missing, which load and which friction would do."""
     first, *rest = diagnose(proof.problem, _IMPACT * proof.problem.final_time).text.splitlines()
     told = [first.partition(" s: ")[2].removesuffix(" (proven)")]
-    told += [line.strip() for line in rest if "could be held" in line or "would do" in line]
+    told += [line.strip() for line in rest if "could be held" in line or "would suffice" in line]
     return "; ".join(told)

@@ -112,13 +112,13 @@ def _words(
         text = f"  the largest load that could be held is {factors[1]:.4g} times this one"
         lines.append(text + (f", the least {factors[0]:.4g} times" if factors[0] > 1e-6 else ""))
     if mu is None:
-        lines.append(f"  no friction coefficient up to {LARGEST_FRICTION:g} was found that would do")
+        lines.append(f"  no friction coefficient up to {LARGEST_FRICTION:g} was found that would suffice")
     elif np.ptp(mu) <= 1e-12 * max(mu.max(), 1.0):
         lines.append(
-            f"  the smallest friction coefficient that would do is {mu.max():.4g} (given: {problem.mu.max():.4g})"
+            f"  the smallest friction coefficient that would suffice is {mu.max():.4g} (given: {problem.mu.max():.4g})"
         )
     else:
-        lines.append(f"  the friction coefficients that would just do are {np.round(mu, 4).tolist()}")
+        lines.append(f"  the friction coefficients that would just suffice are {np.round(mu, 4).tolist()}")
     if status is not Status.OK:
         lines += _limits_that_would_do(problem, impact_time)
     return "\n".join(lines)
@@ -133,7 +133,7 @@ def _limits_that_would_do(problem: ForceProblem, impact_time: float) -> list[str
         return bool(np.all(low <= high)) and holds(feasibility(other.problem, low, high))
 
     options = find_relaxations(setup, does, kinds=1) if not does(setup) else ()
-    return [f"  would do: {'; and '.join(one.words(setup) for one in option)}" for option in options]
+    return [f"  would suffice: {'; and '.join(one.words(setup) for one in option)}" for option in options]
 
 
 def _proof_words(problem: ForceProblem, impact_time: float, proof: Infeasibility | None) -> list[str]:
@@ -141,7 +141,9 @@ def _proof_words(problem: ForceProblem, impact_time: float, proof: Infeasibility
     names = problem.contacts.names
     lines: list[str] = []
     if proof is None:
-        lines.append(f"at t_I = {impact_time:.6g} s the load is too close to the limit to tell whether it can be held")
+        lines.append(
+            f"at t_I = {impact_time:.6g} s the load is too close to the limit to decide whether it can be held"
+        )
     elif np.any(proof.crossed):
         crossed = ", ".join(name for name, empty in zip(names, proof.crossed) if empty)
         low, high = problem.normal_force_range(impact_time)

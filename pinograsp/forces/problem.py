@@ -121,7 +121,7 @@ class ForceProblem(ForceSettings):
         balance = "forces and moments" if self.balance == "wrench" else "forces alone"
         low, high = self.impact_time_range
         return lines_of(
-            f"{self.k} contacts bear a load of {force:.3g} N and {moment:.3g} N m, {balance} in balance",
+            f"{self.k} contacts hold a load of {force:.3g} N and {moment:.3g} N m, {balance} in balance",
             f"mu: {by_name(self.contacts.names, self.mu.tolist())} ({self.friction.model}, safety factor "
             f"{self.friction.safety:g})",
             f"least {self.measure}; impact from {low:g} to {high:g} s, complete at {self.final_time:g} s",

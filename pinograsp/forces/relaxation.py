@@ -389,6 +389,6 @@ def describe_relaxations(
     if not options:
         return ()
     lines = ["; and ".join(one.words(setup, slides) for one in option) for option in options]
-    lead = "tried, and one of these lines would do" if len(options) > 1 else "tried, and would do"
+    lead = "tried, and one of these lines would suffice" if len(options) > 1 else "tried, and would suffice"
     lead += ", all of it together:" if any(len(option) > 1 for option in options) else ":"
     return (lead, *(f"  {line}{more}" for line, more in zip(lines, how or [""] * len(lines))))

@@ -103,7 +103,7 @@ class ForceSolution:
             f"{self.status}: contact forces for an impact at {self.impact_time:g} s",
             f"normal forces: {by_name(names, forces, 'N')}",
             f"friction used, of mu F_n: {by_name(names, used, '%')}",
-            f"left over {self.residual_force:.1e} N, {self.residual_moment:.1e} N m",
+            f"residual {self.residual_force:.1e} N, {self.residual_moment:.1e} N m",
             *self._proven(),
             f"{self.search} search, {self.solver or 'no solver'}, {self.elapsed:.3g} s",
         )

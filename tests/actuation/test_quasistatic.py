@@ -230,7 +230,7 @@ HAND = {"jacobian": np.ones((6, 2)), "gains": [1.0, 1.0]}
         ({"transmission": np.ones((3, 2))}, "transmission S"),
         ({"transmission": np.ones((2, 3))}, "servo gains: expected 3 values"),
         ({"joint_stiffness": [1.0, 0.0]}, "joint stiffness: expected 2 values > 0"),
-        ({"joint_stiffness": [[1.0, 1.0], [1.0, 1.0]]}, "nothing resists"),
+        ({"joint_stiffness": [[1.0, 1.0], [1.0, 1.0]]}, "singular one"),
         ({"springs": [-1.0, 1.0]}, "springs"),
         ({"springs": [np.inf, 1.0]}, "springs"),
         ({"gains": True}, "servo gains"),

@@ -723,7 +723,7 @@ def test_diagnosis_in_words(make_problem):
         "friction limit: thumb, index, middle",
         "(Eq. 13c): thumb, index, middle",
         "0.2166 times",
-        "coefficient that would do is 3.279 (given: 0.7)",
+        "coefficient that would suffice is 3.279 (given: 0.7)",
     ):
         assert words in found.text
     held = diagnose(make_problem(balance="wrench"), 0.9)

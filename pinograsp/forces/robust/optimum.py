@@ -94,8 +94,8 @@ def robust_weights(objective: Objective | None, problem: ForceProblem) -> dict[s
     other = [name for name, weight in weights.items() if weight and name not in _FRICTION_ONLY]
     if other:
         raise InvalidInput(
-            f"robust objective: expected {', '.join(_FRICTION_ONLY)} or a sum of them, got {', '.join(other)} (of one "
-            "load alone: no load set, reserve=None)"
+            f"robust objective: expected {', '.join(_FRICTION_ONLY)} or a weighted sum of these, got "
+            f"{', '.join(other)} (of one load alone: no load set, reserve=None)"
         )
     return weights
 
