@@ -33,7 +33,7 @@ def name_binding(constraints: PathConstraints, found: CarrySolution, slack: Bool
     least, most = (sum_scenarios(each) for each in found.normals)
     torques = grasp.problem.torques if len(constraints.matrices.R) else None
     hand = [] if torques is None else [f"torque of {joint}" for joint in torques.limited_joints]
-    hand += ["what the drives can make"] * (rows.shape[1] - len(hand))
+    hand += ["what the drives can produce"] * (rows.shape[1] - len(hand))
     if slack is None:
         speeds = found.speeds * top
         speeds = np.maximum(speeds[:-1], speeds[1:])

@@ -44,9 +44,9 @@ def doubt_path(robot: HandModel, path: ArmPath) -> list[str]:
         at = int(steps.argmax())
         if joint in robot.continuous and steps[at] > np.pi:
             doubts.append(
-                f"{joint} turns by {np.degrees(steps[at]):.4g} deg between waypoints {at} and {at + 1}, as their "
-                "numbers say: if angles are wrapped into +-180 deg, unwrap them first (numpy.unwrap); if not, a "
-                "waypoint between says so"
+                f"{joint} turns by {np.degrees(steps[at]):.4g} deg between waypoints {at} and {at + 1}: if angles are "
+                "wrapped into +-180 deg, unwrap them first (numpy.unwrap); if the turn is meant, add a waypoint "
+                "between them"
             )
     return doubts
 
@@ -55,8 +55,8 @@ def doubt_drives(robot: HandModel, q: Array, torques: Array) -> list[str]:
     """Drives that would have to act the other way than they can, somewhere on the way (N, n)."""
     beyond = exceed_ways(robot, q, torques)
     return [
-        f"drive {drive.name} makes {drive.efforts[0]:g} to {drive.efforts[1]:g}, and would have to act the other way "
-        f"in {100 * share:.2g} % of the intervals"
+        f"drive {drive.name} produces {drive.efforts[0]:g} to {drive.efforts[1]:g}, but would have to act in the other "
+        f"direction in {100 * share:.2g} % of the intervals"
         for drive, share in zip(robot.drives, beyond.mean(axis=0))
         if share and drive.efforts is not None
     ]
@@ -77,29 +77,30 @@ def doubt_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, most
     if body is not None:
         depths = np.asarray(problem.compliance.depth(most))
         doubts += [
-            f"{names[i]} presses up to {1e3 * depths[i]:.2g} mm deep on the way, and is nearer than that to another "
-            "face of the object: it gives way there; grasp it farther from edges, or cap the normal force"
+            f"{names[i]} presses up to {1e3 * depths[i]:.2g} mm deep on the way, but another face of the object is "
+            "nearer than that, so the contact gives way; grasp the object farther from edges, or cap the normal force"
             for i in np.flatnonzero(past_edges(body, contacts, depths))
         ]
         doubts += [
-            f"{names[i]} slides {1e3 * closing.slip[i]:.2g} mm across its normal as the hand closes to the way's "
-            "squeeze"
+            f"{names[i]} slides {1e3 * closing.slip[i]:.2g} mm across its normal while the hand closes to the squeeze "
+            "of the path"
             for i in np.flatnonzero(np.asarray(closing.slip) > FAR * body.bounding_radius)
         ]
     doubts += [
-        f"{name} meets the object as the hand closes to the way's squeeze, where no contact is planned"
+        f"{name} touches the object while the hand closes to the squeeze of the path, although no contact is planned "
+        "there"
         for name in pressing_too(grasp.hand, first, closing.q[-1])
     ]
     gains = servo_gains(grasp.hand)
     held = stiffness_of(grasp.hand, first, closing.q[-1], gains)
     if leaves := tell_leaving(grasp.hand, held, gains):
-        doubts.append(f"squeezed as at the beginning of the way, {leaves}")
+        doubts.append(f"with the squeeze at the beginning of the path, {leaves}")
         return doubts
     swayed = np.linalg.solve(np.array(held.matrix), (loads - loads[0]).T).T
     shift, turn = (float(np.linalg.norm(part, axis=1).max()) for part in (swayed[:, :3], swayed[:, 3:]))
     if shift > _SWAYS[0] or turn > _SWAYS[1]:
         doubts.append(
-            f"the object sways in the hand by up to {1e3 * shift:.2g} mm and {np.degrees(turn):.2g} deg, as contacts "
-            "and servos give way to the loads of the way: hold it with more fingers, or drive slower"
+            f"the object sways in the hand by up to {1e3 * shift:.2g} mm and {np.degrees(turn):.2g} deg, because "
+            "contacts and servos give way to the loads on the path: hold it with more fingers, or move more slowly"
         )
     return doubts

@@ -136,7 +136,7 @@ class PathConstraints:
             largest = max(float(np.abs(part).max()) for part in parts)
             if max(float(np.abs(part @ outside).max()) for part in parts) > _BALANCED * largest:
                 raise CarryInfeasible(
-                    f"the contacts balance only {len(kept)} of the 6 components of a wrench, and the path asks for "
+                    f"the contacts balance only {len(kept)} of the 6 components of a wrench, but the path needs "
                     "others: add contacts, or torsional friction (soft fingers)",
                     at=0.0,
                     solution=None,

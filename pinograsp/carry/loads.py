@@ -242,7 +242,7 @@ class LoadedRobot:
         names = list(self.robot.joint_names)
         arm = [names[j] for j in self.arm.tolist()]
         if wrong := [joint for joint in path.joints if joint not in arm]:
-            remedy = ": the robot is to be arm and hand (robot=, --robot with --root, its first link)"
+            remedy = ": the robot must be arm and hand (robot=, --robot with --root, its first link)"
             raise InvalidInput(
                 f"path: expected joints of the arm, {', '.join(arm) or 'of which there are none'}; got "
                 f"{', '.join(wrong[:_SUGGESTED])}{_suggest_joints(wrong, arm) if arm else remedy}"

@@ -102,7 +102,7 @@ def plan_carry(
             "timing: expected 'fastest' for a path of waypoints, got 'given': give a trajectory (a column time)"
         )
     if named == "given" and jerk is not None:
-        raise InvalidInput("jerk: expected with timing='fastest', got one with a timing that is given")
+        raise InvalidInput("jerk: expected with timing='fastest', got one with a given timing")
     rate = _read_rate(squeeze)
     reserve = share_of("reserve", reserve)
     settings = CarrySettings(

@@ -150,7 +150,7 @@ class CarryRecord:
         peak = int(self.squeeze.argmax())
         kept = f"within the limits ({100 * self.reserve:g} % of them kept free)"
         if self.fastest is None:
-            timed = f"along the trajectory of {self.duration:.4g} s, and could {self.factor:.3g} times as fast, {kept}"
+            timed = f"along the trajectory of {self.duration:.4g} s, or up to {self.factor:.3g} times as fast, {kept}"
         else:
             timed = (
                 f"in {self.duration:.4g} s ({self.fastest:.4g} s with accelerations that jump; no timing of this path "
@@ -159,8 +159,8 @@ class CarryRecord:
         lines = [
             f"{self.robot.name} carries it {timed}",
             f"  squeeze {self.squeeze.min():.3g} to {self.squeeze[peak]:.3g} N (sum of normal forces), most at "
-            f"{self.instants[peak]:.3g} s; it withstands {self.disturbance[0]:.3g} N in any direction besides",
-            "  what binds on the way:",
+            f"{self.instants[peak]:.3g} s; it also withstands {self.disturbance[0]:.3g} N in any direction",
+            "  limits that bind along the path:",
         ]
         for what, first, last in self.stretches():
             lines.append(f"    {self.times[first]:.3g} to {self.times[last + 1]:.3g} s: {what}")

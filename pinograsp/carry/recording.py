@@ -72,7 +72,10 @@ def _find_cautions(task: CarryTask, commands: Commands, loads: Array) -> tuple[s
     if first is not None:
         own += doubt_squeeze(task.grasp, first, closing, commands.squeeze.x[..., -1].max(axis=0), loads)
     elif len(task.grasp.hand.drives) > 1:  # jaws press along their one way
-        own.append("no motion was found that closes the hand to the way's first squeeze: it goes on from the grasp's")
+        own.append(
+            "no motion was found that closes the hand to the first squeeze of the path: the hand continues from the "
+            "grasp's own"
+        )
     return tuple(own)
 
 

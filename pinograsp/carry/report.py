@@ -11,10 +11,10 @@ from pinograsp.report import Finding, Picture, Report, Section, answer_simulated
 from pinograsp.words import format_number
 
 _CAPTIONS = {
-    "carry_speed": "Speed along the path, with the limit that each place has by itself, and what binds",
-    "carry_forces": "Normal forces on the way",
-    "carry_friction": "Friction used: each contact's share of what it is relied on for",
-    "carry_torques": "Joint torques over their limits",
+    "carry_speed": "Speed along the path, the limit at each place by itself, and what binds",
+    "carry_forces": "Normal forces along the path",
+    "carry_friction": "Friction used: each contact's share of the friction that the plan relies on",
+    "carry_torques": "Joint torques as shares of their limits",
     "carry_motion": "Speeds and accelerations of the joints",
 }
 
@@ -37,7 +37,7 @@ def report_carry(plan: CarryPlan, figures: Sequence[str] = (), simulation: Simul
         sections=[
             *list_section("Cautions", plan.cautions),
             *list_section("Notes", plan.notes),
-            Section(title="What binds on the way", columns=("time [s]", "limit"), rows=stretches),
+            Section(title="Limits that bind along the path", columns=("time [s]", "limit"), rows=stretches),
             list_contacts(plan),
             Section(
                 title="Joints",
@@ -64,7 +64,7 @@ def list_contacts(plan: CarryRecord) -> Section:
 def _answer(plan: CarryPlan, simulation: Simulation | None) -> list[Finding]:
     free = f"{100 * plan.reserve:g} % of friction, caps, torques and speeds are kept free."
     if plan.fastest is None:
-        fast = f"Along the trajectory of {plan.duration:.4g} s; {plan.factor:.3g} times as fast could be held."
+        fast = f"Along the trajectory of {plan.duration:.4g} s; {plan.factor:.3g} times as fast would also hold."
     else:
         fast = (
             f"In {plan.duration:.4g} s; {plan.fastest:.4g} s with accelerations that jump, and no timing of this path "
@@ -74,9 +74,12 @@ def _answer(plan: CarryPlan, simulation: Simulation | None) -> list[Finding]:
     level = "yes" if simulation is None or simulation.verdict.held else "no"
     answers = [
         Finding("How fast?", f"{fast} {free}", level),
-        Finding("How hard?", f"{plan.squeeze.min():.3g} to {plan.squeeze.max():.3g} N of normal force in all."),
+        Finding("How hard?", f"{plan.squeeze.min():.3g} to {plan.squeeze.max():.3g} N of normal force in total."),
         Finding("What binds?", f"{binds}."),
-        Finding("How much friction?", f"Up to {100 * plan.friction_use.max():.0f} % of what is relied on."),
+        Finding(
+            "How much friction?",
+            f"Up to {100 * plan.friction_use.max():.0f} % of the friction that the plan relies on.",
+        ),
     ]
     if plan.cautions:
         answers.append(Finding("Doubtful?", f"{'; '.join(plan.cautions)}."))

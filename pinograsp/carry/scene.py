@@ -124,15 +124,15 @@ def _find_phases(binding: list[str]) -> tuple[Phase, ...]:
 
 def _describe_binding(what: str) -> str:
     if what == "nothing":
-        return "On the way. Nothing keeps it from being faster here."
-    return f"On the way. It cannot be faster here because of: {what}."
+        return "On the path. No limit binds here."
+    return f"On the path. The limit that binds here: {what}."
 
 
 def _write_answer(plan: CarryRecord) -> str:
     text = f"Yes, in {plan.timing.duration:.4g} s: friction, forces, torques and speeds stay within their limits."
     if plan.lower_bound is not None:
         return f"{text} No timing of this path takes less than {plan.lower_bound:.4g} s."
-    return f"{text} {plan.factor:.3g} times as fast could be held."
+    return f"{text} {plan.factor:.3g} times as fast would also hold."
 
 
 def _list_facts(plan: CarryRecord) -> list[tuple[str, str]]:
@@ -148,7 +148,9 @@ def _list_facts(plan: CarryRecord) -> list[tuple[str, str]]:
         ("squeeze (all normal forces)", f"{format_number(squeeze.min(), 3)} to {format_number(squeeze.max(), 3)} N")
     )
     facts.append(("friction", friction_model(plan.grasp.friction)))
-    facts.append(("most friction used", f"{100 * plan.friction_use.max():.0f} % of what is relied on"))
+    facts.append(
+        ("most friction used", f"{100 * plan.friction_use.max():.0f} % of the friction that the plan relies on")
+    )
     facts.append(("kept free", f"{100 * plan.reserve:g} % of each limit"))
     facts += [(f"binds {100 * share:.0f} % of the time", what) for what, share in plan.shares()[:4]]
     return facts

@@ -64,13 +64,13 @@ def squeeze_least(passage: Passage) -> WaySqueeze:
     found = solve_carry(passage.constraints.least_forces(np.full(count + 1, passage.level)), accuracy=_FORCES)
     # Which forces are taken matters less than that they balance the loads.
     least = found.residual < _BALANCED and found.gap < _LEAST
-    notes = () if least else ("the forces bear the loads, but they are not the least ones",)
+    notes = () if least else ("the forces hold the loads, but they are not the least ones",)
     if found.residual >= _BALANCED and passage.fastest:
         found = passage.solution
     if found.residual >= _BALANCED:
         raise CarryUndecided(
-            f"no forces were found for a timing that has them: balance to {found.residual:.1e} after {found.rounds} "
-            "rounds",
+            f"no forces were found, although some exist for this timing: balance to {found.residual:.1e} after "
+            f"{found.rounds} rounds",
             solution=found,
         )
     x = found.x[:, : grasp.problem.k].copy()
@@ -101,9 +101,9 @@ def squeeze_steadily(passage: Passage, rate: float, *, slower: bool) -> WaySquee
             low, high, best = (factor, high, tried) if tried.exists else (low, factor, best)
         if best is None or not slower:
             kind = "constant squeeze" if not rate else f"squeeze that changes by at most {rate:g} N/s"
-            at_rest = "not even at rest" if best is None else f"at {low:.3g} times that speed there is one"
+            at_rest = "not even at rest" if best is None else f"at {low:.3g} times that speed one does"
             raise CarryInfeasible(
-                f"no {kind} withstands the whole way at this speed{', proven' if found.ruled_out else ''}; {at_rest}: "
+                f"no {kind} withstands the whole path at this speed{', proven' if found.ruled_out else ''}; {at_rest}: "
                 "let the squeeze follow the loads (squeeze='least'), or go slower",
                 at=float(passage.s[int(passage.headroom.argmin())]),
                 solution=found,

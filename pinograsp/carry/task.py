@@ -111,8 +111,8 @@ def prepare_task(
     if np.any(short := spare >= most):
         weak = int(np.argmax(short))
         raise CarryInfeasible(
-            f"contact '{problem.contacts.names[weak]}' would have to keep {spare[weak]:.3g} N to withstand the "
-            f"disturbances, and may press with {most[weak]:.3g} N: withstand smaller ones (disturbance=)",
+            f"contact '{problem.contacts.names[weak]}' needs {spare[weak]:.3g} N to withstand the disturbances, but "
+            f"may press with {most[weak]:.3g} N at most: choose smaller ones (disturbance=)",
             at=0.0,
             solution=None,
         )

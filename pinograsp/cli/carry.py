@@ -177,15 +177,15 @@ def _print(plan: CarryPlan, simulation: Simulation | None, folder: Path, session
     least, most, when = plan.squeeze.min(), plan.squeeze[peak], plan.instants[peak]
     kept = f"{100 * plan.reserve:g} % of all limits kept free"
     if plan.fastest is None:
-        fast = f"{plan.duration:.4g} s as given, and could {plan.factor:.3g} times as fast, {kept}"
+        fast = f"{plan.duration:.4g} s as given, and could go {plan.factor:.3g} times as fast, {kept}"
     else:
         fast = f"{plan.duration:.4g} s; no timing of this path takes less than {plan.lower_bound:.4g} s, {kept}"
     answers = [
         ("How fast?", fast),
         (
             "How hard?",
-            f"{least:.3g} to {most:.3g} N in all, most at {when:.3g} s; withstands {plan.disturbance[0]:.3g} N in any "
-            "direction besides",
+            f"{least:.3g} to {most:.3g} N in total, most at {when:.3g} s; also withstands {plan.disturbance[0]:.3g} N "
+            "in any direction",
         ),
     ]
     level = "caution" if plan.cautions else "yes"

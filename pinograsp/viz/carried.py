@@ -83,7 +83,7 @@ def path_speed(plan: _Carried) -> Figure:
     middles = CubicHermiteSpline(plan.times, s, speed)(plan.instants)
     figure = NotebookFigure(figsize=(_WIDTH, 5.0), layout="constrained")
     axes = figure.subplots()
-    axes.plot(middles, plan.limit, color="0.2", linewidth=1.1, zorder=3, label="limit of each place by itself")
+    axes.plot(middles, plan.limit, color="0.2", linewidth=1.1, zorder=3, label="limit at each place by itself")
     shares = [(what, share) for what, share in plan.shares() if what != "nothing"]
     named, others = shares[:_NAMED], shares[_NAMED:]
     drawn = [(what, share, {what}, colour) for (what, share), colour in zip(named, COLOURS)]
@@ -107,7 +107,7 @@ def path_speed(plan: _Carried) -> Figure:
     top = float(min(plan.limit.max(), _TALLEST * speed.max()))
     axes.set(xlabel="path parameter s [-]", ylabel="path speed ds/dt [1/s]", xlim=(0, 1), ylim=(0, 1.06 * top))
     grid(axes)
-    _legend_above(axes, title="what keeps it from being faster")
+    _legend_above(axes, title="what binds")
     return figure
 
 
@@ -139,8 +139,8 @@ def carry_friction(plan: _Carried) -> Figure:
     axes = figure.subplots()
     _contacts(axes, plan, plan.friction_use)
     axes.axhline(1.0, color="0.2", linewidth=1.0, linestyle="--", zorder=3)
-    _remark(axes, 1.01, "all that is relied on", "bottom")
-    _over_time(axes, plan, "friction used, of what is relied on [-]")
+    _remark(axes, 1.01, "all that the plan relies on", "bottom")
+    _over_time(axes, plan, "share of the friction relied on [-]")
     axes.set_ylim(0, max(1.12, 1.05 * float(plan.friction_use.max())))
     _legend_above(axes)
     return figure
@@ -155,7 +155,7 @@ def torque_shares(plan: _Carried) -> Figure:
     for axes, dofs, what in zip(figure.subplots(1, 2), (arm, fingers), ("arm", "fingers")):
         known = dofs[np.isfinite(limits[dofs])]
         shares = plan.torques[:, known] / limits[known]
-        _over_time(axes, plan, f"torque of the {what}, of each joint's largest [-]")
+        _over_time(axes, plan, f"torque of the {what}, share of each joint's limit [-]")
         if not known.size:
             axes.text(0.5, 0.5, "no torque limits are known", ha="center", color="0.35", transform=axes.transAxes)
             continue

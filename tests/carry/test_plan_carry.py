@@ -263,6 +263,6 @@ def test_motors_of_the_arm_that_act_one_way_are_told(arm, grasp, carried):
             for one in arm.drives
         ]
         plan = plan_carry(replace(arm, drives=tuple(drives)), grasp, WAYPOINTS, intervals=INTERVALS, ramp=0)
-        told = [one for one in plan.cautions if "other way" in one]
+        told = [one for one in plan.cautions if "other direction" in one]
         assert bool(told) == bool((ways == -sign).any())
     assert set(ways) == {-1.0} or set(ways) == {1.0}

@@ -138,7 +138,7 @@ def test_given_timings_are_shown_too(arm, grasp, smoothed):
     way = ArmPath(joints=JOINTS, s=(times - times[0]) / np.ptp(times), q=smoothed.q[:, moving], times=times - times[0])
     slow = plan_carry(arm, grasp, way, timing="given", intervals=20)
     scene = carry_scene(slow)
-    assert "times as fast could be held" in scene.answer.text and slow.lower_bound is None
+    assert "times as fast would also hold" in scene.answer.text and slow.lower_bound is None
     assert dict(scene.facts)["may be faster by"] == f"{slow.factor:.3g} times"
     with pytest.raises(InvalidInput, match="object"):
         carry_scene(replace(slow, grasp=replace(grasp, body=None)))
