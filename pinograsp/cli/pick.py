@@ -202,12 +202,12 @@ def _print(plan: PickPlan, simulation: PickSimulation | None, folder: Path, sess
     facts += [("caution", one) for one in cautions]
     squeeze = plan.carry.squeeze
     answers = [
-        ("Does it go?", f"{plan.status}: {plan.duration:.3g} s, after {plan.tried} grasps"),
-        ("How hard?", f"{squeeze.min():.3g} to {squeeze.max():.3g} N in all on the way"),
+        ("Is it possible?", f"{plan.status}: {plan.duration:.3g} s, after {plan.tried} grasps"),
+        ("How hard?", f"{squeeze.min():.3g} to {squeeze.max():.3g} N in total along the path"),
     ]
     level = "caution" if plan.cautions else "yes"
     if simulation is not None:
-        answers.append(("Did it come about?", simulation.tell()))
+        answers.append(("Did it work?", simulation.tell()))
         level = level if simulation.done else "no"
     answers.append(("Results", f"{folder / 'report.html'}, beside it view.html, trajectory.csv, .json and .xml"))
     then = [(f"xdg-open {shlex.quote(str(folder / 'view.html'))}", "see arm and hand move")]

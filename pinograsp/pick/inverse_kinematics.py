@@ -29,7 +29,7 @@ class PalmSolver:
             import pink
             from pink.limits import ConfigurationLimit
         except ImportError as error:
-            raise ExtraMissing("arms are moved by pin-pink: pip install 'pinograsp[arm]'") from error
+            raise ExtraMissing("pin-pink solves the arm's inverse kinematics: pip install 'pinograsp[arm]'") from error
         self.arm, self._pink = arm, pink
         self.limits = (ConfigurationLimit(arm.model),)
         self.task = pink.FrameTask(

@@ -65,7 +65,7 @@ class PickMaker:
         free = task.arm(opened, "free", task.body, task.start)
         to = self._way(free, task.start, reached.approach[0])
         if to is None:
-            return "no way to the object"
+            return "no path to the object"
         at = reached.approach[-1]
         held = task.arm(closed, "held", body, at)
         upright = None if self.motion.upright is None else Upright(held, at, task.up_o, self.motion.upright)
@@ -73,12 +73,12 @@ class PickMaker:
         if reached.lower is not None:
             between = self._way(held, reached.lift[-1], reached.lower[0], upright)
             if between is None:
-                return "no way with the object" + ("" if upright is None else " upright")
+                return "no path with the object" + ("" if upright is None else " upright")
             parts += [between, reached.lower]
         coming = self._smooth(free, [to, reached.approach], ends=(False, True))
         carrying = self._smooth(held, parts, ends=(True, reached.lower is not None), upright=upright)
         if coming is None or carrying is None:
-            return "no smooth way"
+            return "no smooth path"
         clock.stop("ways")
         carried = self._carry(carrying)
         clock.stop("timing")

@@ -169,7 +169,7 @@ def read_task(
         robot = robot.with_posture({**robot.posture, **given})
     gravity = np.array(conditions.gravity_o)
     if not (size := float(np.linalg.norm(gravity))):
-        raise InvalidInput("gravity: expected some, got none: nothing stands anywhere then")
+        raise InvalidInput("gravity: expected some, got none: without it nothing rests on a surface")
     up_o = -gravity / size
     places = find_places(place, body, scene, up_o, rng)
     tilted = float(measure_tilts(places, body, up_o).max(initial=0.0))
@@ -199,7 +199,7 @@ def read_task(
             names = [robot.joint_names[i] for i in robot.arm]
             robot = robot.with_posture(dict(zip(names, middle.tolist())))
             return replace(task, robot=robot, hand=detach(robot), start=middle)
-        what, nearest = "got none, and of the arm with its joints in the middle one", arm.find_nearest(middle)
+        what, nearest = "got none, and for the arm with its joints in the middle one", arm.find_nearest(middle)
     raise InvalidInput(
         f"start: expected a posture that keeps {1e3 * scene.clearance:g} mm from all, {what} in which {nearest.one} is "
         f"{-1e3 * nearest.spare:.3g} mm nearer to {nearest.other}: give another start="
@@ -238,6 +238,6 @@ def _only(found: GraspSearch, reached: list[Reached]) -> GraspSearch:
 def _explain(tried: int, reacher: Reacher, last: GraspSearch) -> str:
     """Why nothing goes: what kept the arm from grasps, or, where none was found, what the search of them says."""
     if not last.grasps and sum(reacher.reasons.values()) < last.tried:
-        return f"no grasp was found where the arm brings the hand: {last.explain()}"
+        return f"no grasp was found where the arm can bring the hand: {last.explain()}"
     parts = ", ".join(f"{count} {reason}" for reason, count in reacher.reasons.most_common())
-    return f"none of {tried} grasps goes: {parts}"
+    return f"none of {tried} grasps is possible: {parts}"

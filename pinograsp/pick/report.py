@@ -12,10 +12,10 @@ from pinograsp.pick.simulation import PickSimulation
 from pinograsp.report import Finding, Picture, Report, Section, list_section
 
 _WHAT = {
-    "reach": "to the object, around what stands there, then straight on",
-    "close": "the hand closes, the squeeze comes up",
-    "carry": "straight up, the way, straight down",
-    "open": "the squeeze goes, the hand opens",
+    "reach": "to the object, around obstacles, then straight ahead",
+    "close": "the hand closes, the squeeze builds up",
+    "carry": "straight up, along the path, straight down",
+    "open": "the squeeze is released, the hand opens",
     "leave": "straight back",
 }
 
@@ -25,12 +25,12 @@ def report_pick(plan: PickRecord, figures: Sequence[str] = (), simulation: PickS
     return Report(
         title=f"Picking with {plan.robot.name}",
         answers=_answer(plan, simulation),
-        figures=[Picture(name, "The middle of the way with the object") for name in figures],
+        figures=[Picture(name, "The middle of the path with the object") for name in figures],
         sections=[
             *list_section("Cautions", plan.cautions),
             Section(
                 title="Phase by phase",
-                columns=("phase", "what", "time [s]", "normal force in all [N]", "largest share of torque", "of speed"),
+                columns=("phase", "what", "time [s]", "total normal force [N]", "largest share of torque", "of speed"),
                 rows=_list_phases(plan),
             ),
             list_contacts(plan.carry),
@@ -64,13 +64,16 @@ def _answer(plan: PickRecord, simulation: PickSimulation | None) -> list[Finding
     squeeze = plan.carry.squeeze
     answers = [
         Finding(
-            "Does it go?",
+            "Is it possible?",
             f"{plan.status}: {plan.duration:.3g} s, after {plan.tried} grasps.",
             "caution" if plan.cautions else "yes",
         ),
-        Finding("How hard?", f"{squeeze.min():.3g} to {squeeze.max():.3g} N of normal force in all on the way."),
-        Finding("How much friction?", f"Up to {100 * plan.carry.friction_use.max():.0f} % of what is relied on."),
+        Finding("How hard?", f"{squeeze.min():.3g} to {squeeze.max():.3g} N of normal force in total along the path."),
+        Finding(
+            "How much friction?",
+            f"Up to {100 * plan.carry.friction_use.max():.0f} % of the friction that the plan relies on.",
+        ),
     ]
     if simulation is None:
         return [*answers, Finding("Simulated?", "Not yet: --check.")]
-    return [*answers, Finding("Did it come about?", f"{simulation.tell()}.", "yes" if simulation.done else "no")]
+    return [*answers, Finding("Did it work?", f"{simulation.tell()}.", "yes" if simulation.done else "no")]

@@ -51,7 +51,7 @@ def time_path(
         import toppra
         from toppra import algorithm, constraint
     except ImportError as error:
-        raise ExtraMissing("ways are timed by toppra: pip install 'pinograsp[arm]'") from error
+        raise ExtraMissing("toppra times the paths: pip install 'pinograsp[arm]'") from error
     logging.getLogger("toppra").setLevel(logging.ERROR)
     model = robot.model.copy()
     model.gravity.linear = np.array(gravity_o)

@@ -57,7 +57,7 @@ def find_way(
     try:
         from ompl import base, geometric, util
     except ImportError as error:
-        raise ExtraMissing("ways around obstacles are found by OMPL: pip install 'pinograsp[arm]'") from error
+        raise ExtraMissing("OMPL finds the paths around obstacles: pip install 'pinograsp[arm]'") from error
     a, spent = len(start), 0.0
 
     def count_lean() -> None:

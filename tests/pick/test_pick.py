@@ -266,7 +266,7 @@ def test_lifting_alone(scene):
 
 def test_what_is_out_of_reach_is_told(scene):
     far = a_can().placed(pose_of((1.4, 0.0, 0.06)))
-    with pytest.raises(PickFailed, match=r"none of \d+ grasps goes: .*out of reach") as told:
+    with pytest.raises(PickFailed, match=r"none of \d+ grasps is possible: .*out of reach") as told:
         pg.plan_pick(panda(), far, scene, CONDITIONS, seed=1, progress=False)
     assert told.value.reasons["out of reach"] > 5
 
