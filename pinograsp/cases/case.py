@@ -244,7 +244,7 @@ def load_case(source: str | Path, changes: CaseChanges = _AS_IT_IS, *, texts: Se
     trusting, key = (data, "trusted") if pair else (data.get("hand"), "hand.trusted")
     if isinstance(trusting, dict) and trusting.get("trusted", False) is not False:
         raise CaseRejected(
-            f"case '{name}': {key}: no file can say so itself: give it where the case is opened "
+            f"case '{name}': {key}: a file cannot say this itself: give it when you open the case "
             f"(--set {key}=true, {{'{key}': True}})"
         )
     data = change_values(data, read_changes(changes, texts))

@@ -138,8 +138,8 @@ def _compare_forces(plan: GraspPlan) -> list[ComparisonRow]:
         _row("grasp energy (work)", "mJ", ENERGY_MJ, 1e3 * forces.work, "rho + 1 times the contacts' own"),
         _row("grasp energy (impulse)", "N s", None, forces.impulse),
         _row("largest penetration", "mm", PENETRATION_MM, 1e3 * deepest),
-        _row("net force left", "N", NET_FORCE_N, forces.residual_force),
-        _row("net moment left", "N m", None, forces.residual_moment, "not in the paper"),
+        _row("remaining net force", "N", NET_FORCE_N, forces.residual_force),
+        _row("remaining net moment", "N m", None, forces.residual_moment, "not in the paper"),
     ]
 
 

@@ -247,7 +247,7 @@ class Steps(CaseSection):
     @model_validator(mode="after")
     def _not_too_many(self) -> Steps:
         if self.count > _MOST_VALUES:
-            raise ValueError(f"expected at most {_MOST_VALUES} values, got {self.count:.3g}: take a larger step")
+            raise ValueError(f"expected at most {_MOST_VALUES} values, got {self.count:.3g}: use a larger step")
         return self
 
     @property

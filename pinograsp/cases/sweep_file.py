@@ -164,7 +164,7 @@ class SweepSpec(CaseSection):
             wanted = "needs" if self.what == "forces" else "has no"
             raise ValueError(f"what: {self.what} {wanted} {IMPACT_TIME} [s] under set, over or samples")
         if {"trusted", "hand.trusted"} & named:
-            raise ValueError("trusted: no file can say so itself: expand the hand's xacro to a URDF first")
+            raise ValueError("trusted: a file cannot say this itself: expand the hand's xacro to a URDF first")
         if self.samples and (drawn := self.samples.count * len(self.samples.draws)) > _MOST:
             raise ValueError(f"expected at most {_MOST} drawn values, got {drawn}")
         if self.rows > _MOST:

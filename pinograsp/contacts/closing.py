@@ -182,8 +182,8 @@ class _Closing:
             if steps > _MOST_STEPS:
                 raise InvalidInput(
                     f"hand '{self.hand.name}': closing takes more than {_MOST_STEPS} steps, for "
-                    f"'{self.parts[first].link}' is close to the object for long, or reaches very far: move the object "
-                    "a little, or check the sizes of the hand"
+                    f"'{self.parts[first].link}' stays close to the object for a long way, or reaches very far: move "
+                    "the object a little, or check the sizes of the hand"
                 )
             moving = self.moving
             if not moving.any():  # the next ones' turn
@@ -348,7 +348,7 @@ class _Closing:
             away = [i for i in finger.dofs if int(i) not in busy]
             self.q[away] = self.start[away]
         if idle:
-            notes.append(f"without contact, so left open: {', '.join(finger.name for finger in idle)}")
+            notes.append(f"without contact and therefore left open: {', '.join(finger.name for finger in idle)}")
         pushed = np.eye(4)
         if self.body is not self.given:
             pushed = np.array(self.body.pose) @ np.linalg.inv(self.given.pose)
@@ -356,7 +356,7 @@ class _Closing:
             turned = np.degrees(np.linalg.norm(pin.log3(pushed[:3, :3])))
             notes.append(
                 f"the object was pushed by ({moved}) mm and turned by {turned:.2f} deg by fingers that cannot stop "
-                "one by one"
+                "individually"
             )
         return Closure(
             hand=self.hand,

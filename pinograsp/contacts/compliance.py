@@ -127,7 +127,7 @@ class Compliance(Protocol):
         if not off <= _POOR:
             raise InvalidInput(
                 f"contact law: expected an energy '{measure}' that is nearly convex in the normal force up to "
-                f"{forces[-1]:.3g} N, got one that sums of powers miss by {100 * off:.2g} % of the largest: take "
+                f"{forces[-1]:.3g} N, got one that sums of powers miss by {100 * off:.2g} % of the largest: use "
                 "another objective, such as 'least_squares'"
             )
         return tuple(

@@ -198,7 +198,7 @@ def touching(hand: HandModel, body: Body, contacts: ContactSet, posture: ArrayLi
     depth = Penetration(hand, body, contacts, points=True)
     if any(depth.corner):
         raise InvalidInput(
-            "touching: expected one contact point a link: a surface touches a smooth object in one point"
+            "touching: expected one contact point per link: a surface touches a smooth object in one point"
         )
     by_finger: dict[str, list[int]] = {}
     for i, contact in enumerate(contacts):
@@ -249,8 +249,8 @@ def _touching_angles(depth: Penetration, name: str, which: Sequence[int], goals:
         angles = np.clip(angles + _newton_step(J, left, angles, low, high), low, high)
     raise ContactNotReached(
         name,
-        f"no posture near the given one has its surface at the contact points; {1e3 * np.abs(left).max():.3g} mm are "
-        f"left{_at_limits(hand, dofs, angles)}: give another posture or other points",
+        f"no posture near the given one has its surface at the contact points; {1e3 * np.abs(left).max():.3g} mm "
+        f"remain{_at_limits(hand, dofs, angles)}: give another posture or other points",
     )
 
 

@@ -49,7 +49,7 @@ class SupportPlane:
         gravity = array_of("gravity", gravity_o, (3,))
         size = float(np.linalg.norm(gravity))
         if size == 0:
-            raise InvalidInput("table: expected gravity, got none: nothing lies on a table then")
+            raise InvalidInput("table: expected gravity, got none: without it nothing lies on a table")
         up = -gravity / size
         lowest = body.project((body.com_o - _FAR * body.bounding_radius * up)[None])[0][0]
         return cls(up_o=up, height=float(lowest @ up))

@@ -57,13 +57,13 @@ def mend_bodies(
             crooked.append(body.link)
     for names, text in (
         (light, f"masses next to nothing{f', taken from the shapes at {DENSITY:g} kg/m^3' if weigh else ''}"),
-        (heavy, "masses that nothing of that size has, are they in grams? URDF's are in kg"),
+        (heavy, "masses too large for links of that size: are they in grams? URDF's are in kg"),
         (
             placeholders,
-            "inertias that no link of that mass and size has, taken from the shapes instead (an inertia of motors "
+            "inertias too large for links of that mass and size, taken from the shapes instead (an inertia of motors "
             "belongs in <dynamics armature=>)",
         ),
-        (crooked, "inertias with one moment above the sum of the others, as no solid has, taken as they are"),
+        (crooked, "inertias with one moment above the sum of the others, which no solid has, used as they are"),
     ):
         if names:
             notes.append(f"{text}: {few(names, _MOST_NAMED)}")

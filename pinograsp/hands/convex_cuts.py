@@ -58,7 +58,7 @@ def cut_hollow_links(geometry: pin.GeometryModel, joints: Collection[int]) -> tu
             cut.addGeometryObject(
                 pin.GeometryObject(f"{one.name}.{i}", one.parentJoint, one.parentFrame, one.placement, form)
             )
-    return cut, [f"hollow or bent links stand in convex parts: {few(told, _NAMED)}"] if told else []
+    return cut, [f"hollow or bent links are represented by convex parts: {few(told, _NAMED)}"] if told else []
 
 
 def _gaps(mesh: coal.BVHModelBase, points: Array) -> Array:

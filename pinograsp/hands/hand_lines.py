@@ -24,8 +24,8 @@ def beyond_effort(joints: Sequence[str], efforts: Array, slides: Sequence[bool],
         unit = "N" if sliding else "N m"
         if np.isfinite(most[joint]) and most[joint] > effort * (1 + 1e-9):
             found.append(
-                f"motors can do {most[joint]:g} {unit} at {joint}, more than its effort limit of {effort:g} {unit}, "
-                "which plans keep"
+                f"motors can produce {most[joint]:g} {unit} at {joint}, more than its effort limit of {effort:g} "
+                f"{unit}, which plans respect"
             )
     return found
 
@@ -68,7 +68,7 @@ def _describe_drives(
     lines += [f"    {source}" for source in unlike(drive.sources for drive in drives)]
     if any(drive.stiffness is None for drive in drives):
         lines.append(
-            f"    stiffness where none is told: a guess, {SERVO:g} N m/rad ({SLIDING_SERVO:.3g} N/m of jaws that slide)"
+            f"    stiffness if none is given: a guess, {SERVO:g} N m/rad ({SLIDING_SERVO:.3g} N/m of jaws that slide)"
         )
     for spring, sliding in zip(springs, slides):
         stiff, at = ("N/m", "m") if sliding else ("N m/rad", "rad")
@@ -103,7 +103,7 @@ def describe_hand(hand: Any) -> list[str]:
         ]
     if (reach := measure_reach(hand)) is not None:
         first = hand.joint_names[hand.arm[0]]
-        lines.append(f"  arm: {len(hand.arm)} joints, brings the palm {reach:.2f} m from '{first}'")
+        lines.append(f"  arm: {len(hand.arm)} joints, moves the palm up to {reach:.2f} m from '{first}'")
     listed = [name for finger in hand.fingers for name in finger.joints if name in hand.joint_names]
     if listed != [name for name in hand.joint_names if name in listed]:
         lines.append(f"  order of q: {', '.join(hand.joint_names)}")

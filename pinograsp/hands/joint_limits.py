@@ -66,8 +66,8 @@ def placeholder_notes(hand: HandModel) -> list[str]:
     ]
     if heavy:
         notes.append(
-            f"motors' inertias (armature) that look like placeholders: {few(heavy, _NAMED)}; plans and simulations "
-            "accelerate them all the same: correct the file"
+            f"motors' inertias (armature) that look like placeholders: {few(heavy, _NAMED)}; plans and simulations use "
+            "them nevertheless: correct the file"
         )
     odd = [
         f"{printable(joint, 60)} {effort:g} {'N' if sliding else 'N m'} ({effort / arm:.2g} N at a fingertip)"
@@ -78,8 +78,8 @@ def placeholder_notes(hand: HandModel) -> list[str]:
     ]
     if odd:
         notes.append(
-            f"{PLACEHOLDERS}: {few(odd, _NAMED)}; plans keep to them: correct the file, or say what the motors make, "
-            "GraspConditions(torque_limit=...), --torque-limit"
+            f"{PLACEHOLDERS}: {few(odd, _NAMED)}; plans respect them: correct the file, or give the torques of the "
+            "motors, GraspConditions(torque_limit=...), --torque-limit"
         )
     return notes
 

@@ -56,7 +56,7 @@ def without_levers(
     if not levers or not kept:
         return chains
     pinned += joined
-    notes.append(f"levers of linkages, not fingers: {', '.join(levers)} (fingers= takes them all the same)")
+    notes.append(f"levers of linkages, not fingers: {', '.join(levers)} (fingers= can name them as fingers)")
     return kept
 
 

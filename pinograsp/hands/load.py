@@ -273,7 +273,10 @@ def _on_root(
 
     if (before := joints_before(prepared.joints, palm)) >= _ARM:
         root = alone(palm)
-        return [f"{ON_ROOT}{before} joints come before the palm '{palm}', an arm's: root='{root}' is the hand alone"]
+        return [
+            f"{ON_ROOT}{before} joints, those of an arm, come before the palm '{palm}': root='{root}' loads the hand "
+            "alone"
+        ]
     data = model.createData()
     pin.framesForwardKinematics(model, data, (model.lowerPositionLimit + model.upperPositionLimit) / 2)
 
@@ -284,7 +287,7 @@ def _on_root(
     palms = palms_in(prepared.joints, prepared.links, solid.__contains__, near)
     if palms and palm not in palms:
         roots = dict.fromkeys(alone(one) for one in palms)
-        return [f"{ON_ROOT}this looks like a whole robot: a hand alone is root= {' or '.join(roots)}"]
+        return [f"{ON_ROOT}this looks like a whole robot: for a hand alone give root= {' or '.join(roots)}"]
     long = [finger for finger in fingers if len(finger.joints) > _ARM]
     arms = [finger for finger in long if len(fingers) == 1 or not near(palm, finger.tip)]
     if not arms:
@@ -293,8 +296,8 @@ def _on_root(
     roots = dict.fromkeys(alone(joint.parent) for joint in prepared.joints if joint.name in last)
     named = ", ".join(f"'{finger.name}' ({len(finger.joints)} joints)" for finger in arms)
     return [
-        f"{ON_ROOT}{named}: an arm, not a finger, if it ends in one jaw that moves: "
-        f"{' or '.join(map('root={!r}'.format, roots))} takes that alone"
+        f"{ON_ROOT}{named}: an arm, not a finger, if it ends in one moving jaw: "
+        f"{' or '.join(map('root={!r}'.format, roots))} loads that jaw alone"
     ]
 
 
@@ -313,7 +316,7 @@ def _on_pedestal(model: pin.Model, geometry: pin.GeometryModel, palm: str, finge
         if one.parentJoint or link == palm or 2 * shape.aabb_radius < _HAND:
             continue
         if any(coal.collide(shape, at[i], objects[j].geometry, at[j], request, coal.CollisionResult()) for j in parts):
-            return [f"{ON_ROOT}fingers are inside of '{link}', which is no part of a hand: root='{palm}' leaves it out"]
+            return [f"{ON_ROOT}fingers are inside '{link}', which is not part of a hand: root='{palm}' leaves it out"]
     return []
 
 
@@ -338,11 +341,11 @@ def _add_drives(
         drives = drives_of(found, joints, couplings, efforts)
         if not drives:
             drives = one_each(joints, efforts)
-            notes.append(f"{ON_DRIVES}no motors are named, assumed is one torque motor at each joint")
+            notes.append(f"{ON_DRIVES}no motors are named; one torque motor at each joint is assumed")
         elif moving.isdisjoint(joint for drive in drives for joint in drive.joints):
             bare = [joint in moving for joint in joints]
             drives += one_each([joint for joint in joints if joint in moving], efforts[bare])
-            notes.append(f"{ON_DRIVES}no motor of a finger is named, assumed is one torque motor at each of its joints")
+            notes.append(f"{ON_DRIVES}no motor of a finger is named; one torque motor at each of its joints is assumed")
     if not given and entry is not None:
         drives = tuple(
             drive if moving.isdisjoint(drive.joints) else replace(drive, sources=entry.sources) for drive in drives
@@ -352,7 +355,8 @@ def _add_drives(
     sprung = {spring.joint for spring in hand.springs}
     if held := [joint for joint in hand.passive_joints if joint in sprung]:
         why = (
-            "contacts get their torque alone in a plan; where tendons or stops bear a part, drives=[Drive(exact=False)]"
+            "in a plan, contacts get only the torque of the springs; if tendons or stops carry a part, give "
+            "drives=[Drive(exact=False)]"
         )
         return replace(hand, notes=(*hand.notes, f"{ON_DRIVES}springs alone hold {', '.join(held)}: {why}"))
     return hand

@@ -122,7 +122,9 @@ class MjcfRobot:
             couplings = couplings | closed
             opened += [loop.name for loop in left]
         if opened:
-            self.notes.append(f"constraints are left out, loops that they close move as if open: {', '.join(opened)}")
+            self.notes.append(
+                f"constraints are left out; the loops that they close move as if open: {', '.join(opened)}"
+            )
         for coupled, coupling in couplings.items():
             records[coupled].mimic = yourdfpy.Mimic(coupling.followed, coupling.factor, coupling.offset)
         for name, effort in find_effort_limits(model, joints, couplings, self.notes).items():

@@ -231,7 +231,7 @@ def find_effort_limits(
             else:
                 limits[name] = limits.get(name, 0.0) + abs(moment) * force
     if shared:
-        notes.append(f"effort limits are without actuators that pull several joints at once: {', '.join(shared)}")
+        notes.append(f"effort limits do not include actuators that pull several joints at once: {', '.join(shared)}")
     limits = {name: limit for name, limit in limits.items() if name not in endless}
     for name, joint in joints.items():
         if model.jnt_actfrclimited[joint]:

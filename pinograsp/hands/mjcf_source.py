@@ -81,7 +81,7 @@ def compile_file(name: str, element: ElementTree.Element, path: Path, trusted: b
     if not told and _in_radians(spec):
         spec.compiler.degree = False
         document.notes.append(
-            "in degrees, which MuJoCo takes where <compiler angle=> is missing, no hinge could turn farther than "
+            "in degrees, MuJoCo's default without <compiler angle=>, no hinge could turn farther than "
             f'{_LEAST_TURN:.2g}: all angles of the file are taken as radians (<compiler angle="degree"/> keeps them)'
         )
     return _compile_spec(name, spec, document.notes)
@@ -133,7 +133,7 @@ def _compile(name: str, spec: mujoco.MjSpec, notes: list[str]) -> mujoco.MjModel
 
 
 def _refusal(name: str, error: Exception) -> HandNotLoaded:
-    return HandNotLoaded(name, f"MuJoCo does not take it: {one_line(error).removeprefix('Error: ')}")
+    return HandNotLoaded(name, f"MuJoCo rejects it: {one_line(error).removeprefix('Error: ')}")
 
 
 # -- compiled ----------------------------------------------------------------------------------------------------------

@@ -217,7 +217,7 @@ def _description(record: dict[str, Any]) -> str:
             RobotDescription(name=source, robot=read, names=names, collisions=robot, problems=problems)
         )
         if [joint.type for joint in prepared.joints] != types:
-            raise HandNotLoaded(source, "a joint without a way to go: make it fixed, as in every record")
+            raise HandNotLoaded(source, "a joint without travel: make it fixed, as in every record")
     except RecursionError:
         raise HandNotLoaded(source, "expected a description, got elements nested without end") from None
     return same

@@ -96,7 +96,7 @@ def size_notes(model: pin.Model, geometry: pin.GeometryModel) -> list[str]:
         ]
     if longest < _SHORTEST:
         return [
-            f"units of sizes: no link that moves is longer than {1e3 * longest:.3g} mm: expected metres, was a scale "
+            f"units of sizes: no moving link is longer than {1e3 * longest:.3g} mm: expected metres, was a scale "
             "applied twice?"
         ]
     return []

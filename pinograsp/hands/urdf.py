@@ -162,7 +162,7 @@ def _fix_still_joints(robot: yourdfpy.Robot, notes: list[str]) -> None:
     for name, value in at.items():
         _fix(joints[name], value)
     if at:
-        notes.append(f"joints without a way to go are fixed: {', '.join(sorted(at))}")
+        notes.append(f"joints without travel are fixed: {', '.join(sorted(at))}")
 
 
 def _fix_idle_joints(robot: yourdfpy.Robot, rotors: list[str], notes: list[str]) -> None:

@@ -38,7 +38,7 @@ def add_couplings(robot: ElementTree.Element, problems: list[str], notes: list[s
     joints = {name: joint for name, joint in find_named(robot, "joint") if joint.get("type") in (*MOVING, "continuous")}
     added: dict[str, _Told] = {}
     for told in [*_of_controllers(robot, joints, notes), *_of_plugins(robot, notes)]:
-        what = f"{told.where}: {printable(told.follower, 60)} is told to follow {printable(told.leader, 60)}"
+        what = f"{told.where}: {printable(told.follower, 60)} is declared to follow {printable(told.leader, 60)}"
         if told.follower not in joints or told.leader not in joints:
             unknown = told.leader if told.follower in joints else told.follower
             notes.append(f"{what}, left out: no joint '{printable(unknown, 60)}' that moves")
@@ -59,7 +59,7 @@ def add_couplings(robot: ElementTree.Element, problems: list[str], notes: list[s
             added[told.follower] = told
         elif _differs(given, told.leader, multiplier, offset):
             first = added[told.follower].where if told.follower in added else "its <mimic>"
-            notes.append(f"{what}, otherwise than {first} has it, which is taken")
+            notes.append(f"{what}, which contradicts {first}; {first} is used")
     for where in dict.fromkeys(told.where for told in added.values()):
         followers = [name for name, told in added.items() if told.where == where]
         notes.append(f"couplings taken from {where}: {', '.join(printable(name, 60) for name in followers)}")
@@ -93,11 +93,13 @@ def _of_controllers(
             mimic, follows = element.get("mimic", "").lower(), name in joints and joints[name].find("mimic") is not None
             if mimic == "true" and name in joints and not follows:
                 notes.append(
-                    f"<ros2_control>: {printable(name, 60)} is told to follow another joint, and nothing says which: "
-                    "give the joint a <mimic joint=>"
+                    f"<ros2_control>: {printable(name, 60)} is declared to follow another joint, and nothing says "
+                    "which: give the joint a <mimic joint=>"
                 )
             elif mimic == "false" and follows:
-                notes.append(f"<ros2_control>: {printable(name, 60)} is told to follow nothing; its <mimic> is taken")
+                notes.append(
+                    f"<ros2_control>: {printable(name, 60)} is declared to follow nothing; its <mimic> is used"
+                )
 
 
 def _of_plugins(robot: ElementTree.Element, notes: list[str]) -> Iterator[_Told]:
@@ -110,6 +112,6 @@ def _of_plugins(robot: ElementTree.Element, notes: list[str]) -> Iterator[_Told]
             yield _Told(follower, leader, multiplier or "1", offset or "0", "Gazebo's plugin")
         elif "mimic" in names.lower():
             notes.append(
-                f"Gazebo's plugin {printable(names.strip(), 80)} couples joints in a way that is not read: give them a "
-                "<mimic joint=>"
+                f"Gazebo's plugin {printable(names.strip(), 80)} couples joints in a way that is not supported: give "
+                "them a <mimic joint=>"
             )

@@ -261,7 +261,7 @@ def test_no_option_is_left_out_silently_with_a_case(command):
 NO_GRASP = {
     "infeasible load": (["--set", "object.mass=30"], "closest to balance", "infeasible"),
     "no friction": (["--set", "friction.mu=0"], "no grasp found", "infeasible"),
-    "unreachable point": (["--set", "hand.position_mm=[300, 37, 50]"], "mm are left", "not_reached"),
+    "unreachable point": (["--set", "hand.position_mm=[300, 37, 50]"], "mm remain", "not_reached"),
     "beyond a joint limit": (
         ["--set", "hand.limits_deg={}"],
         "with joints at their limits (thumb_abduction at 90.0 deg",
@@ -653,14 +653,14 @@ def test_no_file_lets_its_hand_run_code(command, tmp_path):
     text = (Path(pinograsp.cases.__file__).parent / "paper.yaml").read_text()
     case.write_text(re.sub(r"^hand:\n", "hand:\n  trusted: true\n", text, flags=re.M))
     code, _, err = command("plan", str(case))
-    assert code == 2 and "no file can say so itself" in err
+    assert code == 2 and "a file cannot say this itself" in err
     case.write_text(text)
     assert load_case(case, texts=["hand.trusted=true"]).hand.trusted
     (tmp_path / "sweep.yaml").write_text(
         "schema: 1\ncase: paper\nset: {hand.trusted: true}\nover: {object.mass: [0.5, 1.0]}\n"
     )
     code, _, err = command("sweep", str(tmp_path / "sweep.yaml"), "--out", str(tmp_path / "out"))
-    assert code == 2 and "no file can say so itself" in err
+    assert code == 2 and "a file cannot say this itself" in err
 
 
 @pytest.mark.parametrize(

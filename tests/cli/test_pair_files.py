@@ -52,7 +52,7 @@ def test_what_cannot_be_used_is_named(tmp_path, change, message):
 
 def test_no_file_says_that_its_hand_may_run_code(tmp_path):
     (tmp_path / "pick.yaml").write_text(f"{TEXT}\ntrusted: true", encoding="utf-8")
-    with pytest.raises(CaseRejected, match="no file can say so itself"):
+    with pytest.raises(CaseRejected, match="a file cannot say this itself"):
         load_case(tmp_path / "pick.yaml")
 
 

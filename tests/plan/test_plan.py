@@ -57,7 +57,7 @@ def test_table_against_the_paper(rows):
     expected = {
         "impact time t_I": (0.90, 0),
         "sum of normal forces": (20.216, 0.005),
-        "net force left": (0, 1e-9),
+        "remaining net force": (0, 1e-9),
         "hybrid, force balance, least work: work": (55.78, 0.56),
         "hybrid, wrench balance, least work: work": (57.09, 1.72),
         "hybrid, force balance, least impulse: impulse": (2.977, 0.002),

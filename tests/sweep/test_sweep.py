@@ -172,7 +172,7 @@ def test_failures_are_rows_with_status_and_message(tmp_path):
     words = {
         "ok": None,
         "infeasible": "closest to balance",
-        "not_reached": "mm are left",
+        "not_reached": "mm remain",
         "invalid_input": "mass",
     }
     for status, changed in cases.items():
