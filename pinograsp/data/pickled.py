@@ -99,7 +99,7 @@ class _Dispatch:
         if self.opcode not in _OPCODES:
             if code not in _CODES:
                 raise ValueError(f"no opcode {self.opcode}")
-            raise PickleRefused(f"opcode {self.opcode} is refused: plain data needs none")
+            raise PickleRefused(f"opcode {self.opcode} is not allowed: plain data does not need it")
         return self._steps[code]
 
 
@@ -177,14 +177,14 @@ class Unpickled(pickle._Unpickler):
         asked = f"{module} {name}"
         if asked not in self._names:
             shown = ".".join(asked.split())[:100]
-            raise PickleRefused(f"it asks for '{shown}', which is not plain data: nothing of the file was run")
+            raise PickleRefused(f"it asks for '{shown}', which is not plain data: nothing in the file was executed")
         value = self._names[asked]
         return _Name(asked) if callable(value) else value
 
     def persistent_load(self, pid: Any) -> Any:
         """What stands for something outside of the pickle."""
         if self._stored is None:
-            raise PickleRefused("it refers to something outside of it")
+            raise PickleRefused("it refers to something outside the file")
         return self._stored(pid)
 
     # -- steps that build from what is on the stack
@@ -222,7 +222,7 @@ class Unpickled(pickle._Unpickler):
     def _reduce(self) -> None:
         arguments, name = self.stack.pop(), self.stack.pop()
         if type(name) is not _Name or type(arguments) is not tuple:
-            raise PickleRefused(f"a {_kind(name)} is called: nothing of the file was run")
+            raise PickleRefused(f"a {_kind(name)} is called: nothing in the file was executed")
         self.append(self._names[name.name](self, *arguments))
 
     def _build(self) -> None:
@@ -233,7 +233,7 @@ class Unpickled(pickle._Unpickler):
         elif type(value) is _Type and type(state) is tuple and len(state) in (8, 9):
             _order(value, state)
         else:
-            raise PickleRefused(f"a {_kind(value)} gets a state: nothing of the file was run")
+            raise PickleRefused(f"a {_kind(value)} gets a state: nothing in the file was executed")
 
     # -- arrays
 
@@ -350,7 +350,7 @@ def _ordered_dict(machine: Unpickled, *items: Any) -> dict[Any, Any]:
 
 
 def _never(machine: Unpickled, *arguments: Any) -> None:
-    raise PickleRefused("a class is called: nothing of the file was run")
+    raise PickleRefused("a class is called: nothing in the file was executed")
 
 
 _NUMPY: dict[str, Any] = {

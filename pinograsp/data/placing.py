@@ -113,8 +113,9 @@ def _choose_convention(
         kind = FORMATS.get(rows.format)
         which = (kind.ask if kind is not None else "") or f"convention=, one of {', '.join(CONVENTIONS)}"
         raise InvalidInput(
-            f"rows: which frame and joints a {rows.format} file means by hand '{rows.hand_name}' is not known: give "
-            f"{which}; or original=, the file's own description of the hand; or frame= or palm_in_root= with joints="
+            f"rows: the frame and the joints that a {rows.format} file uses for hand '{rows.hand_name}' are not known: "
+            f"give {which}; or original=, the file's own description of the hand; or frame= or palm_in_root= with "
+            "joints="
         )
     return None
 

@@ -53,7 +53,7 @@ def convex_parts(vertices: Array, faces: IntArray, surface: TriangleSurface) -> 
         import coacd
     except ImportError as error:
         raise ExtraMissing(
-            "an object that is not convex is cut in convex parts for this, which needs coacd: pip install "
+            "an object that is not convex is cut into convex parts for this, which needs coacd: pip install "
             "'pinograsp[mesh]'"
         ) from error
     coacd.set_log_level("error")
@@ -64,7 +64,7 @@ def convex_parts(vertices: Array, faces: IntArray, surface: TriangleSurface) -> 
     whole = sum(hull.volume for hull in hulls)
     parts = [hull for hull in hulls if hull.volume > _SLIVER * whole]
     if not parts:
-        raise InvalidInput("mesh: no convex parts were found: take its convex hull (convex=True)")
+        raise InvalidInput("mesh: no convex parts were found: use its convex hull (convex=True)")
     excess = max(float(surface.nearest(_spread(part.triangles))[2].max()) for part in parts)
     return ConvexParts(tuple(read_only(np.array(part.vertices)) for part in parts), max(excess, 0.0))
 
@@ -79,7 +79,7 @@ def _check_crossing(surface: TriangleSurface) -> None:
     if wrong > _CROSSED:
         raise InvalidInput(
             f"mesh: expected a surface that does not cross itself, got one that does, over {100 * wrong:.2g} % of its "
-            "area, so that no convex parts are found: mend it (MeshLab, Blender), or take its convex hull: convex=True"
+            "area, so that no convex parts are found: repair it (MeshLab, Blender), or use its convex hull: convex=True"
         )
 
 

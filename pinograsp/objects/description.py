@@ -179,8 +179,8 @@ def _only_link(model: ElementTree.Element, moving: list[str]) -> ElementTree.Ele
     heavy = [link for link in links if link.find("inertial") is not None and link not in solid]
     if len(solid) != 1 or heavy:
         raise ValueError(
-            f"expected one link with <collision> and no others that weigh, got {len(solid)}{list_names(solid)}"
-            + (f" and others that weigh{list_names(heavy)}" if heavy else "")
+            f"expected one link with <collision> and no others with a mass, got {len(solid)}{list_names(solid)}"
+            + (f" and others with a mass{list_names(heavy)}" if heavy else "")
             + ": give the file of one rigid object"
         )
     return solid[0]

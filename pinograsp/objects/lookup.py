@@ -56,8 +56,8 @@ def find_object(folder: str | Path, name: str) -> list[Path]:
     more = f" and {len(looked) - _SHOWN} more" if len(looked) > _SHOWN else ""
     raise InvalidInput(
         f"object '{printable(name)}': expected a mesh, or a folder with one, of that name in '{folder}', found none; "
-        f"looked for {', '.join(map(repr, looked[:_SHOWN])) or 'nothing'}{more}; where all grasps are of one object, "
-        "give its file instead of the folder"
+        f"looked for {', '.join(map(repr, looked[:_SHOWN])) or 'nothing'}{more}; if all grasps are of one object, give "
+        "its file instead of the folder"
     )
 
 

@@ -216,8 +216,8 @@ class Mesh(Body):
                     model = model.convex
             except (RuntimeError, ValueError) as error:
                 raise InvalidInput(
-                    f"mesh: coal, which finds collisions, refuses its {len(self.faces)} triangles ({one_line(error)}): "
-                    "mend or simplify it (MeshLab, Blender), or take its convex hull: convex=True"
+                    f"mesh: coal, the collision library, rejects its {len(self.faces)} triangles ({one_line(error)}): "
+                    "repair or simplify it (MeshLab, Blender), or use its convex hull: convex=True"
                 ) from error
             self._derived.collision = model
         return self._derived.collision

@@ -21,7 +21,7 @@ _FILLED = 1e-3  # of the hull's volume that a convex surface may lack
 # one is an opening that somebody may have meant.
 _FLAW_EDGES, _FLAW_AREA = 1e-2, 2e-3
 _MOST_PARTS = 3000
-_HULL = "or take its convex hull: convex=True"
+_HULL = "or use its convex hull: convex=True"
 
 
 def convex_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Array, IntArray]:
@@ -184,7 +184,7 @@ def _volume(vertices: Array, faces: IntArray) -> float:
     if abs(volume) <= _SHEET * np.ptp(vertices[used], axis=0).max() ** 3:
         raise InvalidInput(
             f"mesh: expected a surface around a volume, got {abs(volume):.3g} m^3 at {_place(centre)}: give the sheet "
-            "a thickness, or mend the surface if it crosses itself"
+            "a thickness, or repair the surface if it crosses itself"
         )
     return volume
 

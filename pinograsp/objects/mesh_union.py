@@ -130,8 +130,8 @@ def _union(solids: list[tuple[Array, IntArray]]) -> tuple[Array, IntArray]:
         part = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
         if part.status() != manifold3d.Error.NoError:
             raise InvalidInput(
-                f"part {number} of {len(solids)} is not closed ({part.status().name}): mend it (MeshLab, Blender), or "
-                "take the convex hull: convex=True"
+                f"part {number} of {len(solids)} is not closed ({part.status().name}): repair it (MeshLab, Blender), "
+                "or use the convex hull: convex=True"
             )
         parts.append(part)
     union = manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add).to_mesh64()

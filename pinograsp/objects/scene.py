@@ -72,7 +72,7 @@ class Scene:
             InvalidInput: a name that there is already, or no body.
         """
         if name in self.obstacles:
-            raise InvalidInput(f"obstacle '{name}': expected a new name, got one that there is already")
+            raise InvalidInput(f"obstacle '{name}': expected a new name, got one that already exists")
         return replace(self, obstacles={**self.obstacles, name: body})
 
     def with_box(self, name: str, size: ArrayLike, *, at: ArrayLike) -> Scene:

@@ -179,7 +179,7 @@ JOINT = '<joint name="lid" type="{}"><parent link="thing"/><child link="other"/>
     [
         (BOX, LINK, r"expected one link with <collision>.*got 2 \(thing, other\)"),
         (BOX, LINK + JOINT.format("revolute"), "joints that move: lid"),
-        (BOX, f'<link name="other">{INERTIAL}</link>', r"others that weigh \(other\)"),
+        (BOX, f'<link name="other">{INERTIAL}</link>', r"others with a mass \(other\)"),
         ("", "", "expected one link with <collision>"),
         (shape("mesh", 'filename="gone.stl"'), "", "mesh 'gone.stl' not found"),
         (shape("mesh", 'filename=""'), "", "not found"),
