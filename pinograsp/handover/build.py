@@ -202,8 +202,8 @@ def _deviation_notes(off: dict[str, float]) -> list[str]:
     if not off or max(off.values()) <= _FAR:
         return []
     return [
-        f"{max(off, key=off.__getitem__)} is up to {1e3 * max(off.values()):.2g} mm off the plan: "
-        "take a shorter blend, a higher rate, or a plan with a finer time step"
+        f"{max(off, key=off.__getitem__)} is up to {1e3 * max(off.values()):.2g} mm off the plan: use a shorter blend, "
+        "a higher rate, or a plan with a finer time step"
     ]
 
 
@@ -265,7 +265,7 @@ def _lead(hand: HandModel, way: np.ndarray, lead: float | None, rate: float) -> 
         name, bound = hand.joint_names[worst], "more than 0 s"
         if least[worst] > 0:
             bound = f"at least {least[worst]:.4g} s, for the velocity limit of {name}"
-        raise InvalidInput(f"lead: expected {bound}, got {lead:g} s: give it more time, or none for one that is chosen")
+        raise InvalidInput(f"lead: expected {bound}, got {lead:g} s: give it more time, or leave it out")
     return lead
 
 

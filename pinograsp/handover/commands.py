@@ -213,14 +213,14 @@ def efforts(hand: HandModel, q: Array, torques: Array, shortfall: float | None) 
             f"{hand.joint_names[j]} {undone[j]:.3g}" for j in np.argsort(-undone)[:4] if undone[j] > _NOTHING * largest
         )
         text = (
-            f"{len(hand.drives)} drive{'s' * (len(hand.drives) != 1)} cannot make the torques of {hand.n} joints, "
+            f"{len(hand.drives)} drive{'s' * (len(hand.drives) != 1)} cannot produce the torques of {hand.n} joints, "
             f"which are off by up to {short} N m or N, {100 * undone[worst] / largest:.3g} % of the largest torque"
         )
         if allowed is not None and undone[worst] > allowed * largest:
             raise InvalidInput(
-                f"command: expected torques that the drives of hand '{hand.name}' can make within "
-                f"{100 * allowed:g} %; {text}: the planned forces would not come. Take joint torques (no command=), "
-                "plan with drives that move each joint, or give shortfall=None for the nearest that they can make"
+                f"command: expected torques that the drives of hand '{hand.name}' can produce within {100 * allowed:g} "
+                f"%; {text}: the hand would not exert the planned forces. Use joint torques (no command=), plan with "
+                "drives that move each joint, or give shortfall=None for the nearest torques that they can produce"
             )
         notes.append(text)
     for drive, peak in zip(hand.drives, np.abs(effort).max(axis=0)):
@@ -248,7 +248,7 @@ def _range_notes(hand: HandModel, reference: Array) -> list[str]:
     ends = np.sort(ends, axis=0).sum(axis=2)
     beyond = np.maximum(ends[0] - reference, reference - ends[1]).max(axis=0)
     return [
-        f"drive {drive.name} is sent {by:.3g} rad or m beyond its joints' range: a controller that clips this makes "
+        f"drive {drive.name} is sent {by:.3g} rad or m beyond its joints' range: a controller that clips this produces "
         "less force"
         for drive, by in zip(hand.drives, beyond)
         if by > _SLACK

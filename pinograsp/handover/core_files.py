@@ -134,7 +134,7 @@ def _header(constants: Mapping[str, Any], name: str) -> str:
 
 def _make_grip(constants: Mapping[str, Any]) -> list[str]:
     """The function that sets up a grip."""
-    lines = ["// A squeeze that follows what is felt, on such a loop, which has to stay as long."]
+    lines = ["// A squeeze that reacts to measurements, on such a loop, which has to live as long."]
     lines += ["inline auto make_grip(pinograsp::core::Online& loop) {", "    pinograsp::core::GripSetup setup;"]
     for key, value in constants.items():
         if key in ("gravity", "load"):  # arrays there, all others are vectors

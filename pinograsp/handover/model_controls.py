@@ -122,10 +122,10 @@ def _notes(model: Any, path: Path, own: JointSamples, played: Played, feed_forwa
     bound = [name for name, there in zip(names, played.bound) if there]
     if feed_forward and (size > _UNDONE * played.largest or acceleration > _ACCELERATED):
         notes.append(
-            f"with these controls the model's actuators make up to {size:.3g} N m or N too much or too little at "
+            f"with these controls the model's actuators produce up to {size:.3g} N m or N too much or too little at "
             f"{own.names[joint]} ({100 * size / max(played.largest, 1e-300):.3g} % of the largest effort, "
-            f"{acceleration:.3g} rad/s^2 or m/s^2, at {own.times[i]:.4g} s): motion and forces will not be the planned"
-            + (f"; at their limits: {', '.join(bound)}" if bound else "")
+            f"{acceleration:.3g} rad/s^2 or m/s^2, at {own.times[i]:.4g} s): motion and forces will differ from the "
+            f"plan" + (f"; at their limits: {', '.join(bound)}" if bound else "")
         )
     return notes + _constraint_notes(model, path, own)
 
@@ -153,6 +153,6 @@ def _constraint_notes(model: Any, path: Path, own: JointSamples) -> list[str]:
         if apart > _APART:
             notes.append(
                 f"the model's equality constraints are violated by up to {apart:.3g} m or rad on the way: it couples "
-                "the joints otherwise than the plan's hand"
+                "the joints differently from the plan's hand"
             )
     return notes

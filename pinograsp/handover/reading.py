@@ -109,7 +109,7 @@ def read_ros2(path: str | Path) -> JointTrajectory:
     if bases := [one for one in found if _moves_a_base(one)]:
         raise InvalidInput(
             f"{told}: expected joints of an arm alone, got a multi_dof_joint_trajectory of "
-            f"{shorten(bases[0]['joint_names'])}: a base that moves is not planned for"
+            f"{shorten(bases[0]['joint_names'])}: a moving base is not supported"
         )
     full = [one for one in found if one["joint_names"] or one["points"]]
     if len(full) != 1:

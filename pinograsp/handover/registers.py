@@ -70,7 +70,7 @@ def closing_commands(plan: PlanRecord) -> tuple[FingerClosing, ...]:
     if not found:
         raise InvalidInput(
             "units='register' with command='jaw': expected a drive with a closing table whose finger touches the "
-            "object, got none: take a data sheet that has one, as inspire_rh56, or identify it from logs"
+            "object, got none: take a data sheet that has one, such as inspire_rh56, or identify it from logs"
         )
     return tuple(found)
 
@@ -136,8 +136,9 @@ def write_registers(plan: PlanRecord, drives: JointTrajectory, path: str | Path,
     for figure, values in wanted.items():
         if missing := [drive.name for drive, value in zip(hand.drives, values) if value is None]:
             raise InvalidInput(
-                f"units='register': expected drives whose {figure} is known, got none for {', '.join(missing[:4])}"
-                f"{' and more' if len(missing) > 4 else ''}: give a data sheet that has it, as leap, or a file"
+                f"units='register': expected drives whose {figure} is known, got none for "
+                f"{', '.join(missing[:4])}{' and more' if len(missing) > 4 else ''}: give a data sheet that has it, "
+                "such as leap, or a file"
             )
     head, columns, notes = ["time"], [], list[str]()
     if "step" in wanted:
@@ -162,8 +163,8 @@ def _tell_rounding(hand: HandModel, held: Array, steps: Array, forces: dict[str,
     share = 100 * steps[pressing] / held[pressing]
     worth = np.array([forces[drive.name] for drive in hand.drives])[pressing] * share / 100
     notes = [
-        f"a unit of the effort registers is {share.min():.2g} to {share.max():.2g} % of what the drives hold with, up "
-        f"to {worth.max():.2g} N of their fingers' forces"
+        f"one unit of the effort registers is {share.min():.2g} to {share.max():.2g} % of the drives' holding efforts, "
+        f"up to {worth.max():.2g} N of their fingers' forces"
     ]
     for i in np.flatnonzero(pressing & (held < _STEPS * steps)).tolist():
         drive = hand.drives[i].name

@@ -222,10 +222,10 @@ def _play(model: mujoco.MjModel, found: Controls, steps: int, samples: int) -> l
     moved = float(np.linalg.norm(data.xpos[body] - place))
     turned = math.degrees(rotation_angle(data.xmat[body].reshape(3, 3) @ turn.T))
     if any(data.warning[kind].number for kind in _UNSTABLE):
-        return ["played in MuJoCo this scene is unstable: take other gains, or a higher rate"]
+        return ["in MuJoCo this scene is unstable: take other gains, or a higher rate"]
     if moved <= MOVED and turned <= TURNED:
         return []
-    return [f"played in MuJoCo this scene does not hold: the object moves by {1e3 * moved:.3g} mm and {turned:.3g} deg"]
+    return [f"in MuJoCo this scene does not hold: the object moves by {1e3 * moved:.3g} mm and {turned:.3g} deg"]
 
 
 def _set_step(spec: mujoco.MjSpec, hand: HandModel, joints: JointTrajectory, servos: _Servos) -> list[str]:

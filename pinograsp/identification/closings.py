@@ -158,7 +158,7 @@ def identify_closings(
         these, empty = _find_closings(log, scale, offset)
         closings += these
         if empty:
-            remarks.append(f"{log.source}: {empty} rises of the force left out, which are no closings")
+            remarks.append(f"{log.source}: {empty} rises of the force are left out because they are not closings")
     if not closings:
         raise InvalidInput(
             "logs: expected closings on a stop, got none: the force never rises over its scatter at rest"
@@ -355,11 +355,11 @@ def _name_unknown(
     if force == "count":
         yield "newtons: forces are counts; press on a scale at five limits or more, and give slope and offset"
     if position == "count":
-        yield "depth in metres: positions are counts; measure the fingertip's way at two positions"
+        yield "depth in metres: positions are counts; measure how far the fingertip moves between two positions"
     if lag is None:
-        yield "lag of the force sensor: no decay after an opening is in the log; go on logging while the finger opens"
+        yield "lag of the force sensor: the log has no decay after an opening; continue to log while the finger opens"
     if contact is None:
-        yield "contact law: the rests lie at one place or force; close with limits from the least to the largest"
+        yield "contact law: all closings end at one position or force; close with limits from the least to the largest"
     if len(np.unique(table.speeds)) < 2:
-        yield "overshoot by speed: one speed alone; close twice as fast once"
+        yield "overshoot by speed: the logs have only one speed; close twice as fast once"
     yield "latency from command to motion: the log has no time at which a command was sent"

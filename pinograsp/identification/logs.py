@@ -88,7 +88,7 @@ def read_log(
         if quantity not in taken:
             raise InvalidInput(
                 f"unit of {quantity}: expected one of {', '.join(UNITS[quantity])} ({meaning}), got none: a log does "
-                "not say it, whatever its column is called; take 'count' for numbers of a register"
+                "not say it, whatever its column is called; use 'count' for numbers of a register"
             )
     table = _choose_columns(path, _choose(columns))
     found: dict[str, Array | None] = {}
@@ -204,7 +204,7 @@ def _numbers(path: Path, name: str, cells) -> Array:  # type: ignore[no-untyped-
         row = int(np.argmax(bad))
         raise InvalidInput(
             f"log {path}: expected finite numbers in column '{name}', got {shorten(cells[row])} in sample {row + 1}, "
-            f"{int(bad.sum())} such in all: cut them out, with the other columns of these samples"
+            f"{int(bad.sum())} such in total: cut them out, with the other columns of these samples"
         )
     return values
 
@@ -228,14 +228,14 @@ def _check(log: Log, units: Mapping[str, str]) -> None:
         unit, most = units[quantity], float(np.abs(values).max())
         if most > _LARGEST.get(unit, math.inf):
             raise InvalidInput(
-                f"log {log.source}: expected {quantity} in {unit}, got up to {most:g} {log.units[quantity]}, which no "
-                "hand has: are these counts of a register?"
+                f"log {log.source}: expected {quantity} in {unit}, got up to {most:g} {log.units[quantity]}, which is "
+                "too much for a hand: are these counts of a register?"
             )
         raw = values / UNITS[quantity][unit]
         different = np.unique(raw)
         if unit in ("N", "rad", "m") and len(different) >= _WHOLE and np.all(different == np.round(different)):
             raise InvalidInput(
                 f"log {log.source}: expected {quantity} in {unit}, got whole numbers alone, {different[0]:g} to "
-                f"{different[-1]:g}: these are counts of a register, whatever their column is called; tell "
+                f"{different[-1]:g}: these are counts of a register, whatever their column is called; give "
                 f"{quantity}=count" + (", and how many newtons a count is" if quantity == "force" else "")
             )

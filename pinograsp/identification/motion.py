@@ -176,7 +176,7 @@ def _fit_drive(
     if moving.sum() < FEWEST or np.ptp(dq) < 1e-3:
         return "its joint hardly moves: move it slowly up and down, and once fast"
     if min(np.mean(dq[moving] > 0), np.mean(dq[moving] < 0)) < 0.1:
-        return "its joint moves one way alone, and friction looks like load: move it back as slowly, too"
+        return "its joint moves in one direction only, so friction looks like load: move it back just as slowly"
     y = torque[moving]
     smooth = savgol_filter(register, width, 3)
 
@@ -197,7 +197,7 @@ def _fit_drive(
     if x[0] < 0 and np.mean(samples[:, 0] < 0) > 0.95:
         return "its register counts against its joint: log it with the other sign, or give the drive the arm -1"
     if x[0] == 0 or not np.all(samples[:, 0]):
-        return "its register does not follow its torque: is it another drive's, or not switched on?"
+        return "its register does not follow its torque: does it belong to another drive, or is the drive off?"
     samples[:, 1] /= samples[:, 0]
     values = [x[0], x[1] / x[0], *x[2:]]
     fitted = {

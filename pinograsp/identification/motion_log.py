@@ -84,7 +84,7 @@ def read_motion(
     if not table.keys() & joints.keys() or not table.keys() & drives.keys():
         raise InvalidInput(
             f"log {path}: expected columns as '{next(iter(joints))}' and '{next(iter(drives), '')}', got none of them: "
-            "say how they are called, position='{}_pos', effort='{}_current'"
+            "give their names, position='{}_pos', effort='{}_current'"
         )
     times = table[time]
     q = np.tile(hand.resting, (len(times), 1))

@@ -78,8 +78,8 @@ def identify_taxel(
     resting = pressed < _REST * most
     if most <= 0 or resting.sum() < _FEWEST:
         raise InvalidInput(
-            f"forces: expected presses that begin at rest, 0 N, got {pressed.min():.4g} to {most:.4g} N: take off what "
-            "the load cell says at rest, and log before and after each press"
+            f"forces: expected presses that begin at rest, 0 N, got {pressed.min():.4g} to {most:.4g} N: subtract the "
+            "load cell's reading at rest, and log before and after each press"
         )
     sign = 1.0 if (along := _rank_correlation(counts, pressed)) > 0 else -1.0
     x = sign * counts  # grows with the force
@@ -92,7 +92,7 @@ def identify_taxel(
     if not curve[-1] > 0:
         raise InvalidInput(
             f"raw: expected counts that follow the force, got some whose rank correlation with it is {along:.2g}: are "
-            "both of the same time (find_lag tells), and of the taxel that was pressed?"
+            "both recorded at the same time (find_lag measures the lag), and from the taxel that was pressed?"
         )
     off = pressed[told] - np.interp(x[told], knots, curve)
     nearness = np.array([np.interp(x[told], knots, one) for one in np.eye(len(knots))])  # of samples to knots

@@ -110,15 +110,15 @@ def test_fewer_motors_than_joints(allegro):
     tendon = Drive(name="tendon", joints=moved, arms=(0.01, 0.01, 0.008, 0.006))
     plan = driven(allegro, [tendon, *(Drive(name=joint, joints=(joint,), arms=(1.0,)) for joint in others)])
     with pytest.raises(
-        InvalidInput, match=r"cannot make the torques of 16 joints, .* % of the largest .*shortfall=None"
+        InvalidInput, match=r"cannot produce the torques of 16 joints, .* % of the largest .*shortfall=None"
     ):
         drive_commands(plan, "torque", **RATE)
     sent = drive_commands(plan, "torque", shortfall=None, **RATE)
     wanted = joint_trajectory(allegro, **RATE).effort
     best = np.linalg.lstsq(plan.hand.transmission.T, wanted.T, rcond=None)[0].T
     assert sent.effort == pytest.approx(best, abs=1e-9)
-    assert any("cannot make the torques" in note for note in sent.notes)
-    with pytest.raises(InvalidInput, match="make within 0 %"):
+    assert any("cannot produce the torques" in note for note in sent.notes)
+    with pytest.raises(InvalidInput, match="produce within 0 %"):
         plan.to_csv("nowhere.csv", command="impedance", stiffness=1.0, damping=1.0, shortfall=0.0, **RATE)
 
 
@@ -495,7 +495,7 @@ def test_jaws_that_one_motor_cannot_press_as_planned(panda, tmp_path):
         contacts=replace(panda.contacts, links=("", "")),
         motion=replace(panda.motion, q=np.zeros((1, 2)), holding_torques=np.array([0.3, 0.1])),
     )
-    with pytest.raises(InvalidInput, match="1 drive cannot make the torques of 2 joints"):
+    with pytest.raises(InvalidInput, match="1 drive cannot produce the torques of 2 joints"):
         plan.to_ros2(command="jaw")
     (jaw,) = jaw_commands(plan, shortfall=None)
     arms = hand.transmission[0]

@@ -74,7 +74,7 @@ def test_wrong_logs_are_refused_with_what_came(tmp_path, columns, make, told):
         (None, "unit of position"),
         ({"position": "count"}, "unit of force: expected one of count, N"),
         ({"position": "count", "force": "N"}, "whole numbers alone"),
-        ({"position": "rad", "force": "count"}, "which no hand has"),
+        ({"position": "rad", "force": "count"}, "too much for a hand"),
         ({"position": "count", "force": "kN"}, "unit of force"),
         ({"position": "count", "force": "count", "mass": "kg"}, "units"),
     ],

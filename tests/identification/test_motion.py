@@ -156,7 +156,7 @@ def test_files_of_motion(hand, tmp_path):
     again = read_motion(tmp_path / "a.csv", hand)
     np.testing.assert_allclose(again.effort, log.effort, atol=1e-6)
     np.testing.assert_allclose(again.q[:, JOINTS], log.q[:, JOINTS], atol=1e-9)
-    with pytest.raises(InvalidInput, match="say how they are called"):
+    with pytest.raises(InvalidInput, match="give their names"):
         read_motion(tmp_path / "a.csv", hand, effort="{}_current")
     with pytest.raises(InvalidInput, match="expected a column 't'"):
         read_motion(tmp_path / "a.csv", hand, time="t")
