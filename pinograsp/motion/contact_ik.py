@@ -212,7 +212,7 @@ def _why(hand: HandModel, finger: Finger, contacts: Sequence[Contact]) -> str:
             "plane and at the contact lengths"
         )
     else:
-        hint = "outside the workspace of the sampled postures: raise the spread or give another reference"
+        hint = "outside the workspace of the sampled postures: raise the spread, or give another reference"
     return f"{', '.join(parts)}; the finger is {1e3 * reach:.1f} mm long: {hint}"
 
 

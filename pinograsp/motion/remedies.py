@@ -30,23 +30,23 @@ def explain_miss(
     """What keeps contact points from their paths, and what helps."""
     missed = f"{finger.name} misses its path by {1e3 * motion.errors.max():.2g} mm"
     if stopped:
-        return f"{missed}: {'; '.join(stopped)}: widen the limit, or take another contact posture"
+        return f"{missed}: {'; '.join(stopped)}: widen the limit, or choose another contact posture"
     J = motion.jacobians[0][:, :3]
     # A closed finger follows the depths before anything else.
     rows = np.einsum("cx,cxn->cn", [one.normal_o for one in contacts], J) if closed else J.reshape(-1, J.shape[2])
     asked, ways = len(rows), int(np.sum(np.linalg.svd(rows, compute_uv=False) > _HARDLY))
-    moves = f"{missed}: its contacts ask for {asked} {'depths' if closed else 'displacements'} of their own"
+    moves = f"{missed}: its contacts need {asked} independent {'depths' if closed else 'displacements'}"
     if finger.n < asked:
         coupled = f" (the others of its {len(finger.joints)} follow)" if finger.coupled else ""
         return (
-            f"{moves}, and it has no more actuated joints than {', '.join(finger.actuated)}{coupled}: the motion is "
-            "the closest there is; for more, plan fewer contacts on it, or forces that press them alike"
+            f"{moves}, but its only actuated joints are {', '.join(finger.actuated)}{coupled}: the motion is the "
+            "closest possible; for a closer one, plan fewer contacts on it, or forces that press them alike"
         )
     if ways < asked:
-        return f"{moves}, and its joints, as they stand at impact, can give {ways}: take another contact posture"
+        return f"{moves}, but its joints can produce {ways} in the posture at impact: choose another contact posture"
     if motion.surfaces:
         return (
-            f"{missed}: an edge or another place of its link is in the way: place the hand otherwise, or press less "
+            f"{missed}: an edge or another part of its link is in the way: place the hand differently, or press less "
             "deep (max_depth)"
         )
     return f"{missed}: its joints could follow: use a smaller time step than {step:g} s"
@@ -77,12 +77,12 @@ def note_rest(problem: ForceProblem, final_depth: Array, rest: LetGo) -> list[st
     """
     if not rest.balanced:
         return [
-            "where the object comes to rest as it is let go could not be foreseen, since friction is nearly used up "
-            "then: simulate the plan"
+            "where the object comes to rest after it is let go could not be predicted, because friction is nearly "
+            "used up then: simulate the plan"
         ]
     notes, size = list[str](), float(np.linalg.norm(rest.shift[:3]))
     if size > _SHIFTED:
-        notes.append(f"the object shifts by {1e3 * size:.2g} mm as it is let go, and the joints make up for it")
+        notes.append(f"the object shifts by {1e3 * size:.2g} mm when it is let go, and the joints compensate for this")
     others = [
         f"{name} {force:.2g} N (planned {planned:.2g} N)"
         for name, force, planned in zip(
@@ -91,5 +91,5 @@ def note_rest(problem: ForceProblem, final_depth: Array, rest: LetGo) -> list[st
         if abs(force - planned) > _ANOTHER_FORCE * planned
     ]
     if others:
-        notes.append(f"friction that builds up while the hand presses leaves other forces: {', '.join(others)}")
+        notes.append(f"friction that builds up while the hand presses changes the forces: {', '.join(others)}")
     return notes

@@ -207,7 +207,7 @@ class _Planning:
         self.follow_all(path)
         self.clear = False
         self.notes.append(why)
-        self.remedies.append(f"{why}: start elsewhere, or take another grasp")
+        self.remedies.append(f"{why}: choose another start, or another grasp")
 
     def follow_all(self, path: JointPath) -> None:
         """Take the closing fingers' parts of a path of all joints into the hand's."""
@@ -272,7 +272,7 @@ class _Planning:
     def note_jumps(self, finger: Finger, jumps: BoolArray) -> None:
         """Note which of a finger's joints are among those (n,) that jump into their motion."""
         jumping = ", ".join(name for name, jump in zip(finger.actuated, jumps[finger.dofs]) if jump)
-        note = f"{jumping} jumps into its motion at impact: a limit leaves no room to come up to speed"
+        note = f"{jumping} jumps into its motion at impact: a limit leaves no room to accelerate"
         if jumping and note not in self.notes:
             self.notes.append(note)
 
@@ -327,12 +327,12 @@ class _Planning:
             self.remedies.append(explain_miss(finger, own, motion, stopped, closed, step))
         elif stopped and not closed:
             self.within_limits = False
-            self.remedies.append(f"{'; '.join(stopped)}: widen the limit, or take another contact posture")
+            self.remedies.append(f"{'; '.join(stopped)}: widen the limit, or choose another contact posture")
         if outside:
             self.within_limits = False
             swinging = ", ".join(f"{joint} (by {by})" for joint, by in outside)
             self.remedies.append(
-                f"{swinging} swings beyond its limits in the approach: start elsewhere, or touch later"
+                f"{swinging} swings beyond its limits in the approach: choose another start, or touch later"
             )
 
     def result(self, postures: dict[str, int]) -> Motion:

@@ -108,13 +108,13 @@ class PlanRecord:
         held = (
             ""
             if self.margins is None
-            else f"withstands {self.margins.disturbance_force:.3g} N in any direction besides"
+            else f"withstands {self.margins.disturbance_force:.3g} N in any direction besides the load"
         )
         return lines_of(
             f"{said}: {self.remedy}" if self.remedy else said,
             f"normal forces: {by_name(names, forces.normal_forces.tolist(), 'N')}",
             f"impact at {forces.impact_time:g} s, complete at {forces.final_time:g} s; peak joint effort "
-            f"{self.peak_efforts()}; left over {forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m",
+            f"{self.peak_efforts()}; residual {forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m",
             held,
             "" if self.tolerance is None else f"the object is held {self.tolerance.describe()}",
             *(f"caution: {one}" for one in self.cautions),

@@ -182,7 +182,7 @@ class Simulation(History):
     def describe_controller(self) -> str:
         """What controlled the hand from t_F on, in words; "" where it followed the plan alone."""
         felt = self.disturbance.get("controller_feels")
-        return "" if felt is None else f"with a controller that feels {', '.join(map(str, felt)) or 'nothing'}"
+        return "" if felt is None else f"with a controller that measures {', '.join(map(str, felt)) or 'nothing'}"
 
     def summary(self) -> dict[str, Any]:
         """Verdict and settings as plain JSON values."""
@@ -223,14 +223,14 @@ class Simulation(History):
             f"largest force error {100 * v.force_error:.2f} %, penetration error {1e3 * v.penetration_error:.4f} mm",
         ]
         if v.settled_error is not None and v.settled_error < 0.5 * v.force_error:
-            lines.append(f"{100 * v.settled_error:.2f} % off what the plan foresees once the object is let go")
+            lines.append(f"{100 * v.settled_error:.2f} % off the plan's prediction for the object let go")
         for i, part in enumerate(self.parts):
             lines.append(
                 f"{part}: F_n {self.normal_forces[-1, i]:.3f} N (planned {self.planned_forces[i]:.3f} N), "
                 f"slipped {1e3 * self.slips[-1, i]:.3f} mm"
             )
         for what, which in (
-            ("touching without a plan", v.unplanned),
+            ("touching although not planned", v.unplanned),
             ("beyond their limits", v.limit_hits),
             ("at their torque limit", v.saturated),
         ):

@@ -102,8 +102,8 @@ class PoseTolerance:
         """In words, as the end of a sentence that says that the grasp holds."""
         if not self.distance:
             least = _size(SMALLEST * self.asked_distance, SMALLEST * self.asked_angle)
-            return f"only where you say: {least} off, in some direction, lose it"
-        where = "along the table" if self.on_table else "in any direction, as long as it stays while it is grasped"
+            return f"only exactly where you say: an error of {least} in some direction loses it"
+        where = "along the table" if self.on_table else "in any direction, if it does not move while the hand closes"
         return f"if it is within {_size(self.distance, self.angle)} of where you say, {where}"
 
     def summary(self) -> Plain:

@@ -132,14 +132,14 @@ def _in_doubt(hand: HandModel, solution: ForceSolution, motion: Motion, unstable
     if kept < _LEFT:
         remedy = (
             f"once the object is let go its contacts press with {100 * kept:.0f} % of the planned forces, on which its "
-            "reserve relies: take another grasp, or more samples"
+            "reserve relies: choose another grasp, or search more samples"
         )
         return replace(motion, status=Status.DOUBTFUL, remedy=remedy)
     share = doubtful_share(hand, problem.object, problem.contacts, planned)
     if share <= DOUBTFUL:
         return replace(motion, status=Status.DOUBTFUL, remedy=unstable) if unstable else motion
-    where = f"{100 * share:.0f} % of the normal forces act on edges of the object or where links are hollow"
-    remedy = f"{where}: a small error turns them. Take another grasp, or more samples"
+    where = f"{100 * share:.0f} % of the normal forces act on edges of the object or on hollow links"
+    remedy = f"{where}, where a small error changes the normal. Choose another grasp, or search more samples"
     return replace(motion, status=Status.DOUBTFUL, remedy=remedy)
 
 
@@ -233,7 +233,7 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, unstable
     if problem.friction.safety == 1.0:
         cautions.append("friction is used up to its limit: ask for a friction safety factor above 1")
     cautions += [
-        f"{name} cannot press: its force builds up only as the object gives way to the fingers"
+        f"{name} cannot press: its force builds up only when the object gives way to the fingers"
         for name, contact in zip(contacts.names, contacts)
         if contact.finger == PALM
     ]
@@ -242,11 +242,11 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, unstable
         bearing = zip(problem.torques.joints, loaded, problem.torques.limited)
         free = [name for name, bears, limited in bearing if bears and not limited]
         if free:
-            cautions.append(f"no limit is known of the torques of {', '.join(free)}: they are not limited")
+            cautions.append(f"no torque limits are known for {', '.join(free)}: their torques are not limited")
     others = np.abs(motion.settled_forces / solution.normal_forces - 1.0) > _OTHER
     cautions += [
-        f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses, and friction then points elsewhere: "
-        f"once the object is let go it presses with {rest:.2g} N, not {planned:.2g} N"
+        f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses, which changes the direction of "
+        f"friction: once the object is let go it presses with {rest:.2g} N, not {planned:.2g} N"
         for name, slip, other, rest, planned in zip(
             contacts.names, motion.slip, others, motion.settled_forces, solution.normal_forces
         )
@@ -254,7 +254,7 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, unstable
     ]
     if problem.object is not None:
         cautions += [
-            f"{name} touches an edge of the object, where the normal is not defined: a small error turns it"
+            f"{name} touches an edge of the object, where the normal is not defined: a small error changes it"
             for name, sharp in zip(contacts.names, sharp_contacts(problem.object, contacts))
             if sharp
         ]
@@ -265,7 +265,8 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, unstable
     ]
     if problem.object is not None:
         cautions += [
-            f"{name} meets the object as the hand presses, where no contact is planned: it bears a part of the force"
+            f"{name} touches the object while the hand presses, although no contact is planned there: it carries part "
+            "of the force"
             for name in pressing_too(hand, solution, motion.q[-1])
         ]
     if unstable:

@@ -186,7 +186,7 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], re
         return told
     proven = sum(isinstance(one, GraspInfeasible) for one, _ in refused)
     how = "proven for each of them" if proven == len(refused) else f"proven for {proven} of them"
-    lead = f"none of the {len(refused)} grasps that were found can be planned ({how}). Of the nearest one:"
+    lead = f"none of the {len(refused)} grasps that were found can be planned ({how}). The nearest one:"
     if len(refused) == 1:
         lead = "the one grasp that was found cannot be planned:"
     lead = "\n".join([*remarks, lead])

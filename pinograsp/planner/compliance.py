@@ -85,10 +85,10 @@ def instability(hand: HandModel, solution: ForceSolution, q: Array, gains: Array
     if away <= AWAY:
         return None
     stiff = push_away(stiffness_of(hand, solution, q, _STIFF * gains), push)
-    remedy = "take stiffer servos, or another grasp" if stiff <= AWAY else "its contacts let it, take another grasp"
+    remedy = f"{'use stiffer servos, or' if stiff <= AWAY else 'its contacts are too soft,'} choose another grasp"
     return (
-        f"with {_in_words(hand, gains)} the object gives way by {1e3 * away:.2g} mm to a push of "
-        f"{push:.2g} N, and may creep where it is shaken: {remedy}"
+        f"with {_in_words(hand, gains)} the object gives way by {1e3 * away:.2g} mm to a push of {push:.2g} N, and may "
+        f"creep if it is shaken: {remedy}"
     )
 
 
@@ -103,7 +103,7 @@ def tell_leaving(hand: HandModel, held: ObjectStiffness, gains: Array) -> str | 
     turn, way = np.linalg.norm(motion[3:]) * held.moment_length, np.linalg.norm(motion[:3])
     part, does = (motion[3:], "turns about") if turn > way else (motion[:3], "moves along")
     axis = ", ".join(f"{value:.2f}" for value in part / np.linalg.norm(part))
-    return f"{servos} the object {does} ({axis}) by itself; squeeze less, or touch it farther apart"
+    return f"{servos} the object {does} ({axis}) by itself; squeeze less, or choose contacts farther apart"
 
 
 def _yielding_hand(hand: HandModel, solution: ForceSolution, q: Array, gains: Array) -> CompliantHand:

@@ -29,14 +29,14 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
     q, torques = np.vstack([motion.q, motion.q[-1:]]), np.vstack([motion.torques, motion.holding_torques])
     efforts, holding = solve_efforts(hand, q, torques), solve_efforts(hand, q[-1:], torques[-1:])
     for where, needed, then in (
-        ("", holding, "; the joints settle elsewhere, and the forces with them"),
+        ("", holding, "; joints and forces settle at other values"),
         (" on the way", efforts, ""),
     ):
         if needed.shortfall > SHORTFALL:
             worst = int(needed.undone.argmax())
             yield (
-                f"the {hand.n} joints have {len(hand.drives)} motors between them, which cannot make these torques"
-                f"{where}: {hand.joint_names[worst]} lacks {needed.undone[worst]:.2g} {_unit(hand, worst)}, "
+                f"the {hand.n} joints have {len(hand.drives)} motors between them, which cannot produce these "
+                f"torques{where}: {hand.joint_names[worst]} lacks {needed.undone[worst]:.2g} {_unit(hand, worst)}, "
                 f"{100 * needed.shortfall:.3g} % of the largest torque{then}"
             )
             break
@@ -48,15 +48,15 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
             yield f"drive {drive.name} needs up to {peak:.3g} on the way, more than its limit of {drive.limit:.3g}"
         elif drive.continuous is not None and effort > drive.continuous * (1 + _ROUNDING):
             yield (
-                f"drive {drive.name} holds with {effort:.3g}, more than the {drive.continuous:.3g} that it holds for "
-                "long: it grows too hot, or gives way"
+                f"drive {drive.name} holds with {effort:.3g}, more than its continuous effort of "
+                f"{drive.continuous:.3g}: it overheats, or gives way"
             )
     for drive, effort in zip(hand.drives, held):
         if _BEARS * held.max() < effort < drive.floor * (1 - _ROUNDING):
             yield (
-                f"drive {drive.name} presses with {drive.floor:.3g} at least, and the plan with {effort:.3g}: its "
-                f"contacts get {drive.floor / effort:.2g} times these forces; plan for more (a larger reserve), or "
-                "take a gentler hand where the object is fragile"
+                f"drive {drive.name} presses with {drive.floor:.3g} at least, but the plan needs {effort:.3g}: its "
+                f"contacts get {drive.floor / effort:.2g} times these forces; plan for more (a larger reserve), or use "
+                "a gentler hand if the object is fragile"
             )
     contacts = solution.problem.contacts
     pressing = press_of_drives(hand, [contact.link for contact in contacts], solution.normal_forces)
@@ -64,9 +64,9 @@ def drive_cautions(hand: HandModel, solution: ForceSolution, motion: Motion) -> 
         least, force = 0.0 if drive.closing is None else min(drive.closing.peaks), pressing[drive.name]
         if drive.closing is not None and drive.closing.unit == "N" and 0 < force < least * (1 - _ROUNDING):
             yield (
-                f"drive {drive.name} closes with {least:.3g} N at least, and the plan has {force:.3g} N of its finger: "
-                f"{least / force:.2g} times this comes; plan for more (a larger reserve), or take a gentler hand where "
-                "the object is fragile"
+                f"drive {drive.name} closes with {least:.3g} N at least, but the plan needs {force:.3g} N of its "
+                f"finger, which exerts {least / force:.2g} times as much; plan for more (a larger reserve), or use a "
+                "gentler hand if the object is fragile"
             )
     stiffness = [drive.stiffness if drive.control == "position" else None for drive in hand.drives]
     yield from below_steps(hand, held, np.array(stiffness, dtype=float))
@@ -82,8 +82,8 @@ def find_wrong_way(hand: HandModel, motion: Motion) -> str:
         if drive.efforts is not None:
             least, most = drive.efforts
             return (
-                f"drive {drive.name} would have to hold with {effort:.3g}, and makes {least:g} to {most:g}: if it can "
-                "do more than its description says, give drives=[Drive(...)]"
+                f"drive {drive.name} would have to hold with {effort:.3g}, but produces {least:g} to {most:g}: if it "
+                "can do more than its description says, give drives=[Drive(...)]"
             )
     return ""
 
@@ -108,11 +108,12 @@ def _too_fast(hand: HandModel, motion: Motion) -> Iterator[str]:
     worst, more = int(ratio.argmax()), int((ratio > 1 + _ROUNDING).sum()) - 1
     if more >= 0:
         unit = "m/s" if hand.slides[worst] else "rad/s"
-        when = "on its way" if np.abs(motion.dq[: motion.impact + 1, worst]).max() == peak[worst] else "as it presses"
+        early = np.abs(motion.dq[: motion.impact + 1, worst]).max() == peak[worst]
+        when = "in the approach" if early else "while it presses"
         yield (
             f"{hand.joint_names[worst]} moves at up to {peak[worst]:.3g} {unit} {when}, {ratio[worst]:.3g} times its "
-            f"speed limit of {limit[worst]:g} {unit}{f', and {more} more are too fast' if more else ''}: start nearer, "
-            "or give it more time (final_time, impact_time_range)"
+            f"speed limit of {limit[worst]:g} {unit}{f', and {more} more are too fast' if more else ''}: choose a "
+            "nearer start, or give it more time (final_time, impact_time_range)"
         )
 
 
@@ -130,8 +131,8 @@ def _near_limits(hand: HandModel, solution: ForceSolution, motion: Motion, torqu
             yield f"{joint} holds with {100 * torque / limit:.0f} % of its torque limit"
         elif joint in guessed and torque > _GUESSED * most:
             yield (
-                f"{joint} holds with {100 * torque / most:.0f} % of a limit that is a guess, which may be more than "
-                "its motor makes"
+                f"{joint} holds with {100 * torque / most:.0f} % of a limit that is a guess and may be more than its "
+                "motor produces"
             )
 
 

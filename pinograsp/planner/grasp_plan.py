@@ -428,7 +428,7 @@ def load_run(folder: str | Path) -> GraspPlan:
     record = read_run(folder, kind=GraspPlan)
     if isinstance(record, PlanFailure):
         raise InvalidInput(
-            f"'{folder}' holds no plan, its search found none ({record.status}): pinograsp report tells why"
+            f"'{folder}' holds no plan, because its search found none ({record.status}): pinograsp report says why"
         )
     plan = instance_of("plan", record, GraspPlan)
     plan.require_hand()

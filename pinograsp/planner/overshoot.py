@@ -69,8 +69,8 @@ def slow_squeeze(hand: HandModel, problem: ForceProblem) -> ForceProblem:
     least = _least_squeeze(hand, problem)
     if least >= problem.final_time:
         raise InvalidInput(
-            f"final time: expected more than {least:.3g} s, for which fingers press that touch gently enough for their "
-            f"drives' latency, got {problem.final_time:g} s"
+            f"final time: expected more than {least:.3g} s, so that fingers touch gently enough for their drives' "
+            f"latency, got {problem.final_time:g} s"
         )
     return _squeeze_for(problem, least)
 
@@ -122,16 +122,16 @@ def tell_caps(hand: HandModel, problem: ForceProblem) -> Iterator[str]:
         return
     if (least := _least_squeeze(hand, problem)) > 0:
         yield (
-            f"the squeeze takes {least:.3g} s or more, so that a finger that is to stop where it touches goes on for "
-            "its drive's latency and stays under its cap"
+            f"the squeeze takes {least:.3g} s or more, so that a finger that continues for its drive's latency after "
+            "it touches stays under its cap"
         )
     for finger in _closing_fingers(hand, problem):
         cap = float(problem.max_normal_force[finger.contacts].sum())
         if min(finger.table.peaks) <= cap <= max(finger.table.peaks):
             high = finger.table.find_command(cap).peak.high
             yield (
-                f"drive {finger.drive.name} is asked for {cap:.3g} N at most: up to {high:.3g} N come of that in 95 % "
-                "of its closings"
+                f"drive {finger.drive.name} is asked for {cap:.3g} N at most, and exerts up to {high:.3g} N then in 95 "
+                "% of its closings"
             )
 
 

@@ -195,7 +195,7 @@ class GraspTask:
             gentle = replace(self.setup, problem=gentler)
             stages = search_forces_and_motion(hand, gentle, self.options, self.progress).after(stages.elapsed)
         if wrong := find_wrong_way(hand, stages.motion):
-            raise GraspInfeasible(f"no grasp that this hand can make: {wrong}", stages.forces)
+            raise GraspInfeasible(f"no grasp that this hand can produce: {wrong}", stages.forces)
         notes: tuple[str, ...] = ()
         if limit is not None and not np.isfinite(limit).any():
             notes = (f"no joint of '{hand.name}' has an effort limit: torques are not limited",)

@@ -77,11 +77,11 @@ def with_advice(error: SearchFailed, hand: HandModel, setup: Setup, plan: Callab
         slides,
         ["" if option.status is Status.OK else f" (the plan is then {option.status})" for option in options],
     )
-    remedy = "Tried, and would do: " + "".join(lines[1:2]).strip()
+    remedy = "Tried, and would suffice: " + "".join(lines[1:2]).strip()
     if not lines:
         lines = [
-            "no limit that was relaxed, alone or with others, makes it a grasp (torques, normal forces, friction up to "
-            f"{LARGEST_FRICTION:g}, mass, the reserve's parts): other contacts are needed"
+            "relaxing limits, one by one or together, does not make it a grasp (torques, normal forces, friction up "
+            f"to {LARGEST_FRICTION:g}, mass, the reserve's parts): other contacts are needed"
         ]
         remedy = "Other contacts are needed: close the hand elsewhere, or search with more samples or another seed."
     return type(error)("\n".join([str(error), *lines]), error.solution, remedy=remedy)
@@ -167,8 +167,8 @@ def _drives_in_the_way(problem: ForceProblem, holds: Callable[[ForceProblem], bo
     alone = [why for why in reasons if holds(free_drives(problem, why))]
     which = f"in the way: {'; or '.join(alone)}" if alone else f"in the way together: {'; '.join(reasons)}"
     return (
-        "no grasp found that this hand can make: forces hold the object, but its drives cannot make the joint torques "
-        f"that go with them ({which}); take another grasp, or another drive"
+        "no grasp found that this hand can produce: forces hold the object, but its drives cannot produce the "
+        f"necessary joint torques ({which}); choose another grasp, or another drive"
     )
 
 
@@ -186,7 +186,9 @@ def refuse_no_squeeze(
     if not_made := _drives_in_the_way(problem, withstands):
         raise GraspInfeasible(not_made, none) if squeeze.status is Status.INFEASIBLE else GraspUndecided(not_made, none)
     if squeeze.status is not Status.INFEASIBLE:
-        raise GraspUndecided("no grasp found that holds the object with its reserve, and none is ruled out", none)
+        raise GraspUndecided(
+            "no grasp found that holds the object with its reserve, but it is not proven that none exists", none
+        )
     raise GraspInfeasible("no grasp holds the object with its reserve (proven at every impact time)", none)
 
 
@@ -211,15 +213,15 @@ def explain_unmade(hand: HandModel, problem: ForceProblem, reserve: Reserve, tog
         gains = servo_gains(hand)
         asked = [f"{name}={getattr(reserve, name):g}" for name in ("softer", "stiffer", "drive")]
         return (
-            "no grasp found that holds on contacts as soft and as stiff, and from drives as weak and as strong, as the "
-            f"reserve has them ({', '.join(asked)}), though forces hold the object as assumed: what servos of "
-            f"{gains.min():.3g} to {gains.max():.3g} N m/rad (sliding joints: N/m) make of them there does not"
+            "no grasp found that holds with contacts as soft and as stiff, and drives as weak and as strong, as the "
+            f"reserve requires ({', '.join(asked)}): forces hold the object as assumed, but not the forces that servos "
+            f"of {gains.min():.3g} to {gains.max():.3g} N m/rad (sliding joints: N/m) exert then"
         )
     moves = np.zeros((0, hand.n)) if together is None else together.moves
     driving = [name for name, column in zip(hand.joint_names, moves.T) if np.any(column)]
     return (
-        "no grasp found that this hand can make: forces hold the object with its reserve, but "
-        f"{', '.join(driving)} press {problem.k} contacts together, and none of the depths that they can give do"
+        f"no grasp found that this hand can produce: forces hold the object with its reserve, but {', '.join(driving)} "
+        f"press {problem.k} contacts together, and the depths that they can produce do not hold it"
     )
 
 
@@ -230,7 +232,7 @@ def refuse_failure(forces: _Solution, why: Callable[[_Solution], str]) -> None:
     if forces.status is Status.INFEASIBLE:
         raise GraspInfeasible(why(forces), forces)
     kind = SearchInterrupted if forces.status is Status.INTERRUPTED else GraspUndecided
-    raise kind(f"no grasp found, and none is ruled out ({forces.status}): nothing is proven", forces)
+    raise kind(f"no grasp found ({forces.status}), but it is not proven that none exists", forces)
 
 
 def explain_grid(forces: GridSolution) -> str:

@@ -113,14 +113,14 @@ def search_forces_and_motion(
         if options.search != "convex" or options.solver not in ("auto", "clarabel"):
             raise InvalidInput(
                 f"reserve: expected none (GraspConditions(reserve=None)) with search='{options.search}' and "
-                f"solver='{options.solver}': a squeeze for several loads is convex, its solver is clarabel"
+                f"solver='{options.solver}': a squeeze for several loads is a convex problem, which clarabel solves"
             )
         return _search_squeeze(hand, setup, options, setup.reserve)
     if options.search == "convex":
         return _search_optimum(hand, setup, options, progress)
     if options.objective is not None or setup.limit is not None:
         raise InvalidInput(
-            f"objective, torque limit: expected none with search='{options.search}', the grids know neither"
+            f"objective, torque limit: expected none with search='{options.search}', which supports neither"
         )
     return _search_grid(hand, setup.problem, options, progress)
 

@@ -86,8 +86,8 @@ def tell_drop(plan: PlanRecord) -> str | None:
         return None
     far = f"by {1e3 * drop:.2g} mm" if np.isfinite(drop) else "out of the hand"
     return (
-        f"{DROPS} {far} before the squeeze has it, where nothing but the hand holds it from the touch "
-        "on: hold it, or let it stand, until the grasp is complete"
+        f"{DROPS} {far} before the squeeze holds it, if nothing but the hand supports it from the touch on: support it "
+        "until the grasp is complete"
     )
 
 

@@ -147,9 +147,9 @@ def _search(plan: PlanRecord) -> list[Section]:
         )
         return [Section(title="Search", text=text, folded=True)]
     text = (
-        f"One squeeze for {reserve.loads} loads. {reserve.impact_times} impact times were tried; at the one taken no "
-        f"squeeze costs less (proven), that no other impact time does is not proven. {residual}; largest violation of "
-        f"a limit under any of the loads: {certificate.violation:.1e} N."
+        f"One squeeze for {reserve.loads} loads. {reserve.impact_times} impact times were tried; at the chosen one no "
+        f"squeeze costs less (proven); it is not proven for other impact times. {residual}; largest violation of a "
+        f"limit under any of the loads: {certificate.violation:.1e} N."
     )
     if reserve.above_unrestricted > _LOST:
         text += (

@@ -49,7 +49,7 @@ def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> 
         ),
         *_tolerance(plan),
         Finding(
-            "How hard?", f"{total:.2f} N of normal force in all: {each}; at most {plan.peak_efforts()} at a joint."
+            "How hard?", f"{total:.2f} N of normal force in total: {each}; at most {plan.peak_efforts()} at a joint."
         ),
         Finding("How much energy?", f"{energy}."),
         Finding("Which margin?", _sentence(margin)),
@@ -120,7 +120,7 @@ def list_details(plan: PlanRecord) -> list[tuple[str, str]]:
     lines = [
         ("search", solved),
         ("friction", friction_model(plan.friction)),
-        ("hand", where_the_hand_is(plan) or "placed as the plan's poses tell"),
+        ("hand", where_the_hand_is(plan) or "placed by the plan's poses"),
         ("impact time t_I", f"{forces.impact_time:g} s"),
         ("multipliers k1, k2", multipliers),
         *list_forces(plan),

@@ -168,7 +168,7 @@ def test_a_caution_where_commands_are_refused_and_only_there(tmp_path, third, ex
         refused = True
     tau, arms = np.array(plan.motion.holding_torques), np.array([[1.0, 1.0, third]])
     left = np.abs(tau - arms.T @ np.linalg.lstsq(arms.T, tau, rcond=None)[0]).max() / np.abs(tau).max()
-    texts = told(plan, "cannot make these torques")
+    texts = told(plan, "cannot produce these torques")
     assert bool(texts) == refused == (left > 0.05)
     assert all(f"{100 * left:.3g} % of the largest torque" in text for text in texts)
 
@@ -181,7 +181,7 @@ def test_what_the_hey5s_motors_leave_is_told():
     plan = pg.plan_best(pg.find_grasps(hand, can, conditions, count=6, seed=2, progress=False), conditions)
     tau, arms = np.array(plan.motion.holding_torques), np.array(hand.transmission)
     left = np.abs(tau - arms.T @ np.linalg.lstsq(arms.T, tau, rcond=None)[0]).max() / np.abs(tau).max()
-    (text,) = told(plan, "cannot make these torques")
+    (text,) = told(plan, "cannot produce these torques")
     assert left > 0.5 and f"{100 * left:.3g} %" in text
 
 

@@ -47,7 +47,7 @@ def test_harder_with_one_of_them_as_far_as_friction_goes(chuck):
 
 @pytest.mark.slow
 def test_but_not_four_times_as_hard(chuck):
-    with pytest.raises(GraspInfeasible, match="that this hand can make.*drive 'chuck', which moves several joints"):
+    with pytest.raises(GraspInfeasible, match="that this hand can produce.*drive 'chuck', which moves several joints"):
         plan_of(shared(chuck, 1.0, 1.0, 4.0))
     (told,) = about_motors(plan_of(shared(chuck, 1.0, 1.0, 4.0, exact=False)))
     assert told.startswith("the 3 joints have 1 motors between them, which cannot make these torques: slide")

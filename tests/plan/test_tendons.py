@@ -155,7 +155,7 @@ def test_friction_of_tendons_bears_a_little(pair, free, share, held):
         # The impulse of a linear deceleration grows about as the forces do.
         assert plan.reserve.above_unrestricted == pytest.approx(harder - 1.0, abs=0.3 * (harder - 1.0) + 0.01)
     else:
-        with pytest.raises(GraspInfeasible, match="that this hand can make.*tendon"):
+        with pytest.raises(GraspInfeasible, match="that this hand can produce.*tendon"):
             planned(other)
 
 
@@ -164,7 +164,7 @@ def test_tendons_that_cannot_make_the_torques(pair, free):
     own = torques(free)
     wrong = tendons(pair, (own["left_1"], own["left_2"]), (own["right_1"], -own["right_2"]))
     assert not in_cvxpy(free, wrong.drives)
-    with pytest.raises(GraspInfeasible, match="that this hand can make.*right_tendon") as refused:
+    with pytest.raises(GraspInfeasible, match="that this hand can produce.*right_tendon") as refused:
         planned(wrong)
     assert "left_tendon" not in str(refused.value)
 
@@ -178,7 +178,7 @@ def test_one_motor_for_two_fingers_with_springs_in_their_tips(pair, free):
     assert plan.status == "ok" and in_cvxpy(free, [motor], springs)
     slack = [Spring(joint=spring.joint, stiffness=0.5, rest=q[spring.joint]) for spring in springs]
     assert not in_cvxpy(free, [motor], slack)
-    with pytest.raises(NoGrasp, match="that this hand can make.*no drive moves left_2"):
+    with pytest.raises(NoGrasp, match="that this hand can produce.*no drive moves left_2"):
         planned(pair.with_drives([motor], slack))
 
 
@@ -195,5 +195,5 @@ def test_what_nobody_has_measured_is_a_caution(pair, free):
         Drive(name=f"{side}_tendon", joints=(f"{side}_1", f"{side}_2"), arms=arms[side], exact=False) for side in SIDES
     ]
     plan = planned(pair.with_drives(loose))
-    assert [text for text in plan.cautions if "motors between them, which cannot make these torques" in text]
+    assert [text for text in plan.cautions if "motors between them, which cannot produce these torques" in text]
     assert torques(plan) == pytest.approx(own)

@@ -427,7 +427,7 @@ def test_effort_limits_mean_the_same_everywhere():
     plan = plan_grasp_on(part, closure, CONDITIONS)
     limited = plan.problem.torques.limited
     assert not limited[::2].any() and limited[1::2].all()
-    (caution,) = [text for text in plan.cautions if "no limit is known" in text]
+    (caution,) = [text for text in plan.cautions if "no torque limits are known" in text]
     moving = np.abs(plan.problem.torques.jacobian).max(axis=(0, 1)) > 0
     assert [name in caution for name in np.array(part.joint_names)[::2][moving[::2]]] == [True] * moving[::2].sum()
     assert find_grasps(part, ball, count=2, jobs=1, **SETTINGS).grasps
