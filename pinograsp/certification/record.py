@@ -24,20 +24,20 @@ BEYOND = 0.02  # [rad or, times the lever, m] beyond a limit that is carelessnes
 
 _FEWEST, _NEARLY_ALL = 5, 0.9  # grasps, and the share of them from which on chance does not explain it
 _FRAMES = (
-    "are frames, units and the order of the joints as meant? Poses are in the frame of the object's file, not in one "
-    "at its centre of mass (body.com_b away), in metres: millimetres take scale=0.001; joints are in the order of "
-    "hand.joint_names, in radians. Where all that is right, contacts are farther off than the tolerance"
+    "are frames, units and the order of the joints right? Poses are in the frame of the object's file, not in one at "
+    "its centre of mass (body.com_b away), in metres (millimetres need scale=0.001); joints are in the order of "
+    "hand.joint_names, in radians. If all of this is right, the contacts are farther away than the tolerance"
 )
 # What decides where most grasps have one reason.
 _DECISIVE = {
-    Status.DRIVES: "drives of several joints are taken to share their effort by fixed arms; drives=False (--no-drives) "
-    "leaves what they can make to the column 'producible'",
+    Status.DRIVES: "the drives of several joints are assumed to share their effort by fixed arms; drives=False "
+    "(--no-drives) leaves this test to the column 'producible'",
     Status.PENETRATES: "are the poses in the frame of the object's file, not in one at its centre of mass? A larger "
-    "tolerance (--tolerance) takes links that are that deep for contacts, right or wrong",
+    "tolerance (--tolerance) counts links that are this deep as contacts, right or wrong",
     Status.NO_CONTACT: "are the poses in the frame of the object's file, not in one at its centre of mass? A larger "
-    "tolerance (--tolerance) takes links that are that far off for contacts, right or wrong",
-    Status.RESERVE: "reserve=None (--no-reserve) asks for the weight alone",
-    Status.TORQUE: "look at the hand's effort limits; torque_limit=None asks without them",
+    "tolerance (--tolerance) counts links that are this far away as contacts, right or wrong",
+    Status.RESERVE: "reserve=None (--no-reserve) requires the weight alone",
+    Status.TORQUE: "check the hand's effort limits; torque_limit=None ignores them",
 }
 FAR_OFF = 0.1  # [m] farther off the object nobody asks how far
 # Arrays with an entry for each contact.
@@ -215,13 +215,13 @@ class Certificates:
         if not self.commanded[i]:
             return words
         way = f"{1e3 * self.moved[i]:.2g} mm and {np.degrees(self.turned[i]):.2g} deg"
-        verdict = f"held, the object goes {way}" if self.held_as_commanded[i] else f"lost, after {way}"
+        verdict = f"held, the object moves by {way}" if self.held_as_commanded[i] else f"lost, after {way}"
         settled = bool(self.held_as_commanded[i] and not self.held[i])
         return f"{words}; as commanded: {verdict}{', from where fingers and object settle' * settled}"
 
     def _off(self, gap: float) -> str:
         """How far off the nearest link is."""
-        return f"the nearest is {1e3 * gap:.2g} mm off{' or more' * (gap >= FAR_OFF)}" if gap > 0 else ""
+        return f"the nearest is {1e3 * gap:.2g} mm away{' or more' * (gap >= FAR_OFF)}" if gap > 0 else ""
 
     def _beyond(self, i: int) -> str:
         """Which joint is farthest beyond its limits, and how far."""
@@ -234,7 +234,7 @@ class Certificates:
 
     def _drives(self) -> str:
         """What keeps the drives from making any forces."""
-        return "; ".join(dict.fromkeys(ratio.why for ratio in self.hand.ratios)) or "links share what presses"
+        return "; ".join(dict.fromkeys(ratio.why for ratio in self.hand.ratios)) or "links share joints"
 
     def contacts(self, i: int) -> ContactSet:
         """The contacts of grasp i, with its posture, for the rest of the package; of ``hand.placed(roots[i])``.
@@ -312,7 +312,7 @@ def placement_hint(reasons: ArrayLike, depths: ArrayLike, what: str = "the objec
         gaps = -depth[off & (depth < 0)]
         gap = float(np.median(gaps)) if len(gaps) else 0.0
         least = " or more" * (gap >= FAR_OFF)
-        by = f", {1e3 * gap:.3g} mm{least} off in the median" * (gap > 0)
+        by = f", {1e3 * gap:.3g} mm{least} away in the median" * (gap > 0)
         parts.append(f"{off.sum()} do not touch {what} with two links{by}")
     if beyond.any():
         parts.append(f"{beyond.sum()} have joints beyond their limits")

@@ -103,10 +103,10 @@ def prepare(hand: HandModel, body: Body, conditions: GraspConditions, options: O
     instance_of("body", body, Body)
     instance_of("conditions", conditions, GraspConditions)
     if conditions.balance != "wrench":
-        raise InvalidInput("conditions: expected balance='wrench': a free object turns where moments are not balanced")
+        raise InvalidInput("conditions: expected balance='wrench': a free object turns if moments are not balanced")
     if conditions.reserve is not None and conditions.reserve.has_scenarios:
         raise InvalidInput(
-            "conditions: expected a reserve with softer=1, stiffer=1 and drive=0: servos are not looked at here"
+            "conditions: expected a reserve with softer=1, stiffer=1 and drive=0: servos are not considered here"
         )
     protocol = find_protocol(options.protocol)
     reserve = Reserve.none() if conditions.reserve is None or protocol else conditions.reserve

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pinograsp.sweep import Certified, DataSet
 
 _SHOWN = 5  # faults
-_MEANT = "What the files mean is said by --convention, --frame, --joint or --original"
+_MEANT = "The options --convention, --frame, --joint or --original say what the files mean"
 
 _files = partial(option, "What the files mean")
 _condition = partial(option, "What a grasp must hold")
@@ -174,7 +174,7 @@ def certify(
     if workers.missing:
         tell_missing(find_missing_grasps(data, out, conditions.read(), shard=workers.shard, **asked), out, session)
     if workers.shard is not None and (back is not None or results.picture is not None):
-        raise InvalidInput("--shard: expected neither --back nor --picture, which are of all rows: run them at the end")
+        raise InvalidInput("--shard: expected neither --back nor --picture, which need all rows: run them at the end")
     settings = asked | workers.settings()
     done = certify_files(data, out, conditions.read(), progress=session.progress, **settings)
     written, unwritten = ([], {}) if back is None or done.interrupted else written_back(data, out, back)
@@ -214,7 +214,7 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str], shar
         if reason in words
     ]
     print_table({"reason": {}, "grasps": RIGHT, "share": RIGHT, "": {}}, rows)
-    facts = [("again", f"{len(done.changed)} files, which had changed or their objects: {', '.join(done.changed)}")]
+    facts = [("again", f"{len(done.changed)} files that had changed, or whose objects had: {', '.join(done.changed)}")]
     facts = facts if done.changed else []
     if hint := decisive_hint(done.counts):
         facts.append(("look at", hint))
@@ -237,8 +237,8 @@ def _print(done: Certified, written: list[Path], unwritten: dict[str, str], shar
     ]
     if verdicts["commanded"]:
         held = f"{verdicts['held_as_commanded']} of {verdicts['commanded']}"
-        answers.insert(1, ("Possible", f"{verdicts['possible']} of {done.rows}, these or as commanded"))
+        answers.insert(1, ("Possible", f"{verdicts['possible']} of {done.rows}, held or held as commanded"))
         answers.insert(2, ("As commanded", f"{held} hold under all loads: column held_as_commanded"))
     if written:
-        answers.insert(2, ("With newtons", f"{len(written)} files in {written[0].parent}"))
+        answers.insert(2, ("With forces", f"{len(written)} files in {written[0].parent}"))
     show([], answers, level="yes" if verdicts["possible"] else "no")

@@ -98,7 +98,7 @@ class DisturbanceOptions:
             given["object_turn"] = np.radians(read_numbers("--turn", self.turn, (3,)))
         given |= {"stiffness": self.stiffness, "servo_gain": self.servo_gain}
         if self.base_motion is not None and self.base_path is not None:
-            raise InvalidInput("--base-path: expected without --base-motion, both tell the motion of the base")
+            raise InvalidInput("--base-path: expected without --base-motion, both give the motion of the base")
         if self.base_motion is not None:
             times, rows = _read_rows("--base-motion", self.base_motion)
             given["base_motion"] = BaseMotion(times=times, accelerations=rows)

@@ -106,6 +106,6 @@ def _list_hands(session: Session) -> None:
         [[cell[name] for name in names] for cell in listed],
     )
     # No empty line before it, and as much as fits: with it the list fills a terminal of 24 lines.
-    console().print(f" Next: {command('hands', rows[0]['name'])} tells all of one", style="bold")
+    console().print(f" Next: {command('hands', rows[0]['name'])} shows everything about one", style="bold")
     if problems:
         raise InvalidInput("; ".join(problems))

@@ -128,7 +128,10 @@ def _identify_drives(logs: list[Path], reading: LogOptions, sheet: SheetOptions,
         session.print_json({"drives": plain, "unknown": dict(found.unknown)})
         return
     print_table(
-        {"drive": {}, **dict.fromkeys(("a unit makes", "95 % from", "to", "friction", "by load", "delay [s]"), RIGHT)},
+        {
+            "drive": {},
+            **dict.fromkeys(("effort per unit", "95 % from", "to", "friction", "by load", "delay [s]"), RIGHT),
+        },
         [
             [
                 name,
@@ -142,7 +145,7 @@ def _identify_drives(logs: list[Path], reading: LogOptions, sheet: SheetOptions,
     )
     answers: list[Fact] = [("What is known?", f"{len(found.drives)} of {len(hand.drives)} drives")]
     show(
-        [("cannot tell", f"{name}: {why}") for name, why in found.unknown.items()],
+        [("not identified", f"{name}: {why}") for name, why in found.unknown.items()],
         answers if sheet.out is None else [*answers, ("Written", str(sheet.out))],
         more="" if session.verbose else "more: with -v",
     )
@@ -194,7 +197,7 @@ def _interval(name: str, one: Estimate, unit: str) -> Fact:
 
 
 def _facts(found: IdentifiedClosings) -> list[Fact]:
-    facts: list[Fact] = [("cannot tell", text) for text in found.unknown]
+    facts: list[Fact] = [("not identified", text) for text in found.unknown]
     if found.sensor_lag is not None:
         facts.append(_interval("sensor lag", found.sensor_lag, "s"))
     if found.contact is not None:

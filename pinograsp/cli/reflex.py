@@ -50,7 +50,7 @@ class ReflexOptions:
         if not self.reflex:
             for name in ("feels", "sensors"):
                 if getattr(self, name) is not None:
-                    raise InvalidInput(f"--{name}: expected with --reflex, whose controller feels")
+                    raise InvalidInput(f"--{name}: expected with --reflex, whose controller uses the sensors")
             return None
         known = [field.name for field in fields(Sensors) if field.name != "quantities"]
         given: dict[str, Any] = {}
@@ -103,7 +103,7 @@ class Believed:
         grip, v = self.controller, self.without
         mass = f"{grip.object_mass:.3g} kg"
         if not math.isfinite(grip.load_bound):
-            mass = f"no load felt, {mass} as planned"
+            mass = f"no load measured, {mass} as planned"
         each = []
         for name, mu, low, high in zip(grip.names, grip.mu, grip.mu_low, grip.mu_high):
             bounds = f"{low:.2f} to {high:.2f}" if math.isfinite(high) else f"at least {low:.2f}"

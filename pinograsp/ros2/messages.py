@@ -95,5 +95,5 @@ class Told:
         what = (topic, str(error).partition(":")[0])
         if what not in self._known:
             self._known.add(what)
-            self.warn(f"{topic}: {error}; such messages are left out, and told no more")
+            self.warn(f"{topic}: {error}; such messages are left out, without further warnings")
         self.counts[topic] = self.counts.get(topic, 0) + 1

@@ -129,7 +129,7 @@ class GripNode:
             if efforts is None:
                 return
             if not efforts.any():  # as drivers write that measure none
-                raise InvalidInput("effort: expected what is measured, got zeros alone")
+                raise InvalidInput("effort: expected measured values, got only zeros")
             self._efforts = self.parameters.effort_scale * efforts
             self._put("torques", self._efforts, message)
         except InvalidInput as error:
@@ -167,7 +167,7 @@ class GripNode:
     def _tick(self) -> None:
         now = self.now
         if now < self._last:  # a simulation has begun again
-            self.log.warning("time has gone back: what was felt is forgotten")
+            self.log.warning("time has gone back: measurements are forgotten")
             self._begun, self._holding, self._looked = None, False, -math.inf
             self._positions = self._efforts = None
             self._new.clear()
@@ -199,7 +199,7 @@ class GripNode:
                     topic, what = (
                         ("joint_states", "positions of the hand's joints")
                         if self._positions is None
-                        else (self._topic, "a controller that takes commands")
+                        else (self._topic, "a controller that receives commands")
                     )
                     self.error = (
                         f"{self.node.resolve_topic_name(topic)}: expected {what}, got none in {self._patience:g} s"
@@ -210,7 +210,7 @@ class GripNode:
             except InvalidInput as error:
                 self.error = str(error)
                 return False
-            self.log.info(f"plays for {self.approach.duration:.3g} s from where the hand is")
+            self.log.info(f"plays for {self.approach.duration:.3g} s from the hand's present posture")
             now = self.now  # the trajectory took its time to make
         elif self.hold is not None:
             if self._efforts is None and not late:
@@ -285,7 +285,7 @@ class GripNode:
             }
             line += f", squeeze {told['squeeze_N']} N, load {told['load_N']} N, {grip.reflexes} reflexes"
             line += f", slips at {', '.join(slipping)}" if slipping else ""
-            line += ", feels nothing" if grip.blind else ""
-        line += "" if told["listeners"] else f", nobody listens on {self.node.resolve_topic_name(self._topic)}"
+            line += ", no measurements" if grip.blind else ""
+        line += "" if told["listeners"] else f", no subscriber on {self.node.resolve_topic_name(self._topic)}"
         self.log.info(line)
         self._status.publish(String(data=json.dumps(told)))

@@ -19,21 +19,21 @@ MESSAGES = ("array", "trajectory")
 ACTS_ON = ("hand", "object")
 # Name -> default, what it is. None: not given.
 PARAMETERS: dict[str, tuple[Any, str]] = {
-    "rate": (500.0, "of the commands [Hz]"),
+    "rate": (500.0, "rate of the commands [Hz]"),
     "interface": ("effort", "what is commanded: effort (torques) or position (references of position servos)"),
     "message": ("array", "array (std_msgs/Float64MultiArray) or trajectory (trajectory_msgs/JointTrajectory)"),
     "joints": (None, "names of the controller's joints, in its order; default: the plan's"),
-    "stiffness": (None, "of the position servos, one number or one per joint of the plan [N m/rad or N/m]"),
+    "stiffness": (None, "stiffness of the position servos, one number or one per joint of the plan [N m/rad or N/m]"),
     "effort_scale": (1.0, "efforts per unit of joint_states, one number or one per joint of the plan"),
-    "sensor_pose": ([0.0] * 6, "of the wrist's sensor in the plan's world: x, y, z, roll, pitch, yaw [m, rad]"),
-    "wrench_acts_on": ("hand", "whether the wrench is what acts on the hand (the object's pull) or on the object"),
-    "start_time": (0.5, "in which a hold goes over from the efforts that are measured to its own [s]"),
-    "latency": (0.03, "of sensors and drives together [s]"),
+    "sensor_pose": ([0.0] * 6, "pose of the wrist's sensor in the plan's world: x, y, z, roll, pitch, yaw [m, rad]"),
+    "wrench_acts_on": ("hand", "whether the wrench acts on the hand (the object's pull) or on the object"),
+    "start_time": (0.5, "time in which a hold changes from the measured efforts to its own [s]"),
+    "latency": (0.03, "latency of sensors and drives together [s]"),
     "max_normal_force": (None, "cap of the normal forces, one number or one per contact [N]; default: the plan's"),
-    "noise": (0.1, "standard deviation of felt forces, as a share of them"),
-    "margin": (1.25, "friction is used up to the believed one over it"),
-    "kept": (0.45, "share of the planned squeeze that stays"),
-    "release": (0.4, "in which the squeeze falls to 1/e of what it was [s]"),
+    "noise": (0.1, "standard deviation of measured forces, as a share of them"),
+    "margin": (1.25, "safety factor: friction is used up to the estimate divided by it"),
+    "kept": (0.45, "share of the planned squeeze that is kept"),
+    "release": (0.4, "time in which the squeeze falls to 1/e [s]"),
 }
 
 

@@ -183,7 +183,7 @@ def _planned_for(task: Task, disturbance: Disturbance) -> str:
     force = max(forces, default=0.0) + mass * float(np.linalg.norm(disturbance.shake) + carried)
     weight = mass * float(np.linalg.norm(task.gravity_o))
     share = max(1.0, np.ceil(10 * _FIRMER * force / weight) / 10) if weight > 0 else 1.0
-    remedies = [f"a plan for what there was: {', '.join(changes)}"] if changes else []
+    remedies = [f"a plan for the real values: {', '.join(changes)}"] if changes else []
     if force > 0 or not changes:
         remedies.append(f"more squeeze: plan with --reserve disturbance={share:g} (Reserve(disturbance={share:g}))")
     return "; and ".join(remedies)

@@ -123,7 +123,7 @@ class SimulationOptions:
         instance_of("sensors", self.sensors, Sensors)
         if self.controller is not None:
             if not callable(self.controller):
-                raise InvalidInput(f"controller: expected a function of what is felt, got {self.controller!r}")
+                raise InvalidInput(f"controller: expected a function of the measurements, got {self.controller!r}")
             if self.mode == "prescribed" or not self.release:
                 raise InvalidInput("controller: expected with mode='servo' and release=True: drives hold the object")
         for name, given in errors.items():

@@ -74,7 +74,7 @@ def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
         with without_callbacks():  # compiling calls them
             return spec.compile()
     except ValueError as error:
-        raise InvalidInput(f"MuJoCo refuses this hand or object: {error}") from error
+        raise InvalidInput(f"MuJoCo rejects this hand or object: {error}") from error
 
 
 def outline(
@@ -180,7 +180,7 @@ def _set_inertia(body: mujoco.MjsBody, mass: float, lever: Array, inertia: Array
     if lacking > 0:  # MuJoCo's own remedy would make all three the same
         if lacking > 2 * _ROUNDED * moments[2]:
             changed.append(
-                f"moments of inertia that no body can have ({', '.join(f'{one:.3g}' for one in moments)} kg m^2): "
+                f"impossible moments of inertia ({', '.join(f'{one:.3g}' for one in moments)} kg m^2): "
                 f"{lacking / 2:.2g} kg m^2 is added to the smaller two"
             )
         inertia = axes @ np.diag(moments + lacking / 2 * np.array([1.0, 1.0, 0.0])) @ axes.T

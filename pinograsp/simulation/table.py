@@ -27,7 +27,7 @@ class Table:
         """The table under an object, its shape at a pose oMs (4, 4); :class:`InvalidInput` where it would not stand."""
         size = float(np.linalg.norm(gravity_o))
         if size == 0:
-            raise InvalidInput("support 'table': expected gravity, got none: nothing lies on a table then")
+            raise InvalidInput("support 'table': expected gravity, got none: without it nothing lies on a table")
         self.up: Array = -gravity_o / size
         self.body = body.placed(inverse_of(body.shape_b))
         self.corners, self.below = _corners(body), _below(body, self.up)

@@ -102,7 +102,7 @@ def guard_server(host: str) -> Iterator[None]:
 
         def process(connection: ServerConnection, request: Request) -> Awaitable[Response | None] | Response | None:
             if not is_welcome(host, request.headers.get_all("Host"), request.headers.get_all("Origin")):
-                return connection.respond(HTTPStatus.FORBIDDEN, "This page answers to its own address alone.\n")
+                return connection.respond(HTTPStatus.FORBIDDEN, "This page is served only at its own address.\n")
             return None if process_request is None else process_request(connection, request)
 
         return serve(handler, *args, process_request=process, **settings)

@@ -62,7 +62,7 @@ def write_film(
     kind = path.suffix.lower()
     if kind not in _SHEETS:
         raise InvalidInput(
-            f"film: expected a name that ends in {' or '.join(_SHEETS)} (for stills, .png, .svg and .pdf, there is "
+            f"film: expected a name that ends in {' or '.join(_SHEETS)} (for stills, .png, .svg and .pdf, use "
             f"picture), got '{path.name:.200}'"
         )
     seconds, collision_shapes = number("seconds", seconds, unit="s"), flag("collision_shapes", collision_shapes)

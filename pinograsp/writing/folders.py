@@ -97,7 +97,7 @@ class NewFolder:
             raise ResultsNotWritten(f"'{self.path}' is a file: give a folder that does not exist yet")
         if place.is_mount():
             raise ResultsNotWritten(
-                f"folder '{self.path}' is a mount point, which nothing can take the place of: give one within it"
+                f"folder '{self.path}' is a mount point, which cannot be replaced: give a folder within it"
             )
         if place in (here := Path.cwd(), *here.parents):
             raise ResultsNotWritten(

@@ -52,11 +52,11 @@ def test_the_same_with_the_reflex_and_without_it(command, tmp_path):
     assert {"held", "reason"} <= reflex["without_reflex"].keys()
     stored = json.loads((tmp_path / "run" / "check" / "check.json").read_text())
     assert stored["reflex"] == reflex and stored["disturbance"]["controller_feels"] == ["forces", "slips"]
-    assert "with a controller that feels" in read_check(tmp_path / "run" / "check").describe()
-    assert "with a controller that feels forces, slips" in (tmp_path / "run" / "check" / "check.md").read_text()
+    assert "with a controller that measures" in read_check(tmp_path / "run" / "check").describe()
+    assert "with a controller that measures forces, slips" in (tmp_path / "run" / "check" / "check.md").read_text()
     code, out, _ = command(*light, "--feels", "normal_forces")
     shown = " ".join(out.split())
-    assert "Without reflex?" in shown and "no load felt" in shown and "friction thumb 0.70 (at least" in shown
+    assert "Without reflex?" in shown and "no load measured" in shown and "friction thumb 0.70 (at least" in shown
     code, _, err = command(*light, "--thresholds")
     assert code == 2 and "--reflex: expected without further trials" in err
     code, _, err = command(*light, "--prescribed")

@@ -309,8 +309,8 @@ def test_a_controller_that_sends_the_plan_s_torques_changes_nothing(plan):
     looped = pg.simulate(plan, controller=lambda felt: Command(torques), **QUICK)
     np.testing.assert_array_equal(looped.q, plain.q)
     np.testing.assert_array_equal(looped.object_poses, plain.object_poses)
-    assert looped.disturbance["controller_feels"][0] == "forces" and "with a controller that feels" in str(looped)
-    assert "Held in simulation with a controller that feels forces" in does_it_hold(plan, looped).text
+    assert looped.disturbance["controller_feels"][0] == "forces" and "with a controller that measures" in str(looped)
+    assert "Held in simulation with a controller that measures forces" in does_it_hold(plan, looped).text
     assert not plain.disturbance and plain.describe_controller() == ""
 
 

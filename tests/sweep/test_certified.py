@@ -313,7 +313,7 @@ def test_the_command_prints_counts_draws_and_speaks_json(world, command, tmp_pat
     done = subprocess.run(started(world, out, *more), capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     told = " ".join(done.stdout.split())
-    assert "held" in told and "of 30 grasps" in told and "With newtons 2 files in" in told
+    assert "held" in told and "of 30 grasps" in told and "With forces 2 files in" in told
     assert picture.read_bytes()[:4] == b"\x89PNG" and len(list((tmp_path / "back").glob("*.npy"))) == 2
     # Once more, in this process: nothing is left to do.
     code, told, _ = command(*arguments(world, out, "--json"))
