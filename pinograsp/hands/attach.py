@@ -48,17 +48,17 @@ def attach(
     Args:
         arm, hand: files, texts or specifications, as for :func:`load_hand`, in any pair of formats; the hand may be a
             name of the catalogue.
-        link: of the arm, that the hand's root is fixed to.
+        link: link of the arm to which the hand's root is fixed.
         at: the hand's root frame in that link (4, 4); identity by default.
-        remove: links of the arm that are left out with all that they carry, as the hand that the file has.
-        root: link whose sub-tree is the hand, where its file has more.
+        remove: links of the arm to leave out with everything that they carry, such as a hand in the file.
+        root: link whose sub-tree is the hand, if its file has more.
         pose: the arm's root frame in the world (4, 4); identity by default.
-        posture: of the arm's joints, ``{joint: position}`` [rad or m]: where they stay while the hand grasps.
-        trusted, packages, xacro_args: as for :func:`load_hand`, for both files; arguments are the arm's.
+        posture: positions of the arm's joints while the hand grasps, ``{joint: position}`` [rad or m].
+        trusted, packages, xacro_args: as for :func:`load_hand`, for both files; the arguments are for the arm's.
 
     Raises:
         HandNotLoaded: a file is missing or broken.
-        InvalidInput: no such link of the arm, links or joints that both have, a posture that does not fit.
+        InvalidInput: the arm has no such link, both have links or joints of the same name, or the posture does not fit.
     """
     link, remove = text_of("link", link), items_of("remove", remove, str)
     placement = np.eye(4) if at is None else placement_of("at", at)

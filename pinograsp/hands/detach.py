@@ -28,14 +28,14 @@ _LIMITS = (
 
 
 def detach(robot: HandModel) -> HandModel:
-    """The hand of a robot, where the arm holds it at rest: what the last joint before the palm carries.
+    """Return the hand of a robot, in the place where the arm holds it at rest.
 
-    Its root is the link that this joint moves; palm and fingers are the robot's. Names of links and joints, shapes,
-    limits and drives are the robot's, too, so that what is planned for the hand alone holds for the robot. A robot
-    whose palm is fixed in the world is its own hand.
+    The hand is what the last joint before the palm carries; its root is the link that this joint moves. Palm, fingers,
+    names of links and joints, shapes, limits and drives are those of the robot, so that a plan for the hand alone is
+    valid for the robot. A robot whose palm is fixed in the world is its own hand.
 
     Raises:
-        InvalidInput: a robot that was built without a description.
+        InvalidInput: the robot was built without a description.
     """
     model, palm = instance_of("robot", robot, HandModel).model, robot.model.frames[robot.frame_id(robot.palm)]
     if palm.parentJoint == 0:

@@ -35,7 +35,7 @@ ON_DRIVES, ON_SPRINGS = "drives: ", "springs: "
 class Drive:
     """A motor and the joints that it moves.
 
-    Its effort e [N or N m] makes the torque ``arms[i] * e`` at ``joints[i]``; its coordinate is a = sum arms_i q_i.
+    Its effort e [N or N m] produces the torque ``arms[i] * e`` at ``joints[i]``; its coordinate is a = sum arms_i q_i.
 
     Attributes:
         name: of the motor.
@@ -44,27 +44,27 @@ class Drive:
             arm [m] of a tendon.
         control: ``torque``: the effort is commanded; ``position``: a servo holds a commanded coordinate; ``jaw``:
             closes until it presses with the effort asked for.
-        limit: largest effort [N or N m]; infinity where it is not known.
-        stiffness: of a position servo, effort per unit of a; None where it is not known.
-        damping: effort per unit of da/dt; None where it is not known.
-        exact: whether the torques at its joints are in the ratio of the arms. Not so where other springs or friction
-            at these joints, which nobody has measured, bear a part: then plans only say where they rely on them.
-        efforts: least and largest effort, where it can do less one way than the other, as a tendon that only pulls;
-            None: ``limit`` either way.
-        step: of the encoder by which a position servo holds its coordinate, in units of a; None where it is not known.
-        floor: least effort that it holds with once it has closed, as grippers have that can be set no gentler; 0: any.
-        continuous: largest effort that it holds for long without growing too hot; None where it is not known.
-        effort_step: effort that one unit of its effort or current register makes; None where it is not known.
-        backlash: way that its gears have free, in units of a; None where it is not known.
-        friction: effort that dry friction takes; None where it is not known.
-        latency: time from a command to the motion [s]; None where it is not known.
-        closing: what its finger presses with when it closes on a stop; None where nobody has measured it.
+        limit: largest effort [N or N m]; infinity if it is not known.
+        stiffness: of a position servo, effort per unit of a; None if it is not known.
+        damping: effort per unit of da/dt; None if it is not known.
+        exact: whether the torques at its joints are in the ratio of the arms. False if springs or friction that nobody
+            has measured carry a part at these joints; plans then only say where they rely on them.
+        efforts: least and largest effort, if it is weaker in one direction, such as a tendon that only pulls; None:
+            ``limit`` in both directions.
+        step: of the encoder by which a position servo holds its coordinate, in units of a; None if it is not known.
+        floor: least effort with which it holds once it has closed, as in grippers that cannot be set lower; 0: any.
+        continuous: largest effort that it can hold for long without overheating; None if it is not known.
+        effort_step: effort per unit of its effort or current register; None if it is not known.
+        backlash: play of its gears, in units of a; None if it is not known.
+        friction: effort lost to dry friction; None if it is not known.
+        latency: time from a command to the motion [s]; None if it is not known.
+        closing: force of its finger when it closes on a stop; None if nobody has measured it.
         contact_stiffness: least and largest stiffness of its fingers' contacts over the planned one [-], as
             (0.8, 1.3); None: nobody has measured it.
-        sources: where these figures come from, and which are guesses; each at most once.
+        sources: the sources of these figures, with a mark for guesses; at most one for each figure.
 
     Raises:
-        InvalidInput: for values that make no drive.
+        InvalidInput: the values do not describe a drive.
     """
 
     name: str
@@ -156,7 +156,7 @@ class Drive:
         return {figure for figure in get_args(Figure) if getattr(self, figure) not in (None, none.get(figure))}
 
     def source(self, figure: Figure) -> Source | None:
-        """Where one of its figures comes from; None where that is not known."""
+        """The source of one of its figures; None if it is not known."""
         return next((source for source in self.sources if source.figure == figure), None)
 
     def __str__(self) -> str:
@@ -177,7 +177,7 @@ class Spring:
         rest: position [rad or m] without torque.
 
     Raises:
-        InvalidInput: for values that make no spring.
+        InvalidInput: the values do not describe a spring.
     """
 
     joint: str
@@ -268,9 +268,10 @@ class Ratio(NamedTuple):
 
 
 def ratios_of(joints: Sequence[str], drives: Sequence[Drive]) -> tuple[Ratio, ...]:
-    """What the drives, which move several joints each or leave some out, cannot choose of the torques of ``joints``.
+    """Return the combinations of the torques of ``joints`` that the drives cannot choose.
 
-    Jaws are geared: their joints share the force as the object has it. So do the joints of drives that are not exact.
+    These exist if drives move several joints each, or leave some out. Jaws are geared: the object decides how their
+    joints share the force. The same holds for joints of drives that are not exact.
 
     Raises:
         InvalidInput: names of joints that are no texts or come twice, or a drive of a joint that is not among them.

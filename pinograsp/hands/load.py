@@ -66,39 +66,38 @@ def load_hand(
 ) -> HandModel:
     """Load a hand by name or from a file.
 
-    Joints that mimic others are reduced to the joints that move them: q, torques and Jacobians are those of the
-    actuated joints.
+    The model has only the actuated joints in q, torques and Jacobians; joints that mimic others follow them.
 
     Args:
         source: a name of :data:`~pinograsp.hands.catalogue.CATALOGUE` (``pinograsp hands`` lists them), the path of a
-            ``.urdf``, ``.xacro`` or MJCF ``.xml`` file, the text of a URDF or MJCF, or a ``mujoco.MjSpec``, which
-            stays as it is. Files that a text names are looked for from the working folder on.
+            ``.urdf``, ``.xacro`` or MJCF ``.xml`` file, the text of a URDF or MJCF, or a ``mujoco.MjSpec``, which is
+            not changed. File names in a text are relative to the working folder.
         pose: oMh (4, 4), the hand's root frame in the world; identity by default.
-        root: link whose sub-tree is the hand, where it sits on an arm or a whole robot; its frame is the hand's root
+        root: link whose sub-tree is the hand, if it is mounted on an arm or a whole robot; its frame is the hand's root
             frame.
-        palm: link the fingers start from; by default the first link at which moving chains part.
+        palm: link from which the fingers start; by default the first link at which moving chains branch.
         fingers: names to use, ``{finger name: a link of its outermost part}``, which is the fingertip if it is fixed
             beyond the last joint; by default every chain from the palm to a leaf that has geometry, named after what
             its links have in common.
         limits: position limits that replace the file's, ``{joint: (lower, upper)}`` [rad or m]; noted on the model.
-        drives: motors that replace the file's and the catalogue's; by default one at each joint, noted, where neither
-            names any. A path, or the name of a data sheet of the package (:func:`~pinograsp.hands.sheets.list_sheets`):
-            its figures replace theirs. A sheet beside the file, ``hand.drives.toml`` beside ``hand.urdf``, is read by
-            itself where none is given.
+        drives: motors that replace those of the file and the catalogue. If neither names any, one at each joint is
+            assumed, with a note. With a path, or the name of a data sheet of the package
+            (:func:`~pinograsp.hands.sheets.list_sheets`), the figures of the sheet replace the file's. By default a
+            sheet beside the file is read, such as ``hand.drives.toml`` beside ``hand.urdf``.
         springs: springs at joints that replace the file's.
-        hulls: take the convex hulls of the links' meshes, as physics engines do; contacts where a link is hollow are
-            told by the plan. False: the meshes as they are, for which plans are slower, and simulations differ.
+        hulls: use the convex hulls of the links' meshes, as physics engines do; the plan names contacts on hollow
+            links. False: use the meshes as they are; plans are slower then, and simulations differ.
         trusted: let a xacro file run everything xacro offers (see :mod:`pinograsp.hands.xacro_files`), and an MJCF file
             include files from outside its own folder.
         packages: folders of ROS packages, ``{name: folder}``, for ``$(find name)`` and ``package://name/``. Others are
-            looked for in the folders above the file, in ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH; ROS is not needed.
-        masses: of links without any: ``"estimate"`` takes them from their shapes, noted; ``"file"`` leaves such links
-            massless.
-        exclude: links whose shapes take no part in touching, as a cover that gives way, or a coarse shape; noted.
-        srdf: file of MoveIt's for this robot: pairs of links whose collisions it disables are not looked at where the
-            hand's own links are checked against each other; nor are those that an MJCF file excludes itself.
-        posture: of joints of no finger, as of an arm in the same model, ``{joint: position}`` [rad or m], where they
-            stay: see :meth:`HandModel.with_posture`.
+            searched in the folders above the file, in ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH; ROS is not needed.
+        masses: masses of links without any: ``"estimate"`` takes them from their shapes, with a note; ``"file"`` leaves
+            such links massless.
+        exclude: links that cannot touch anything, such as a soft cover or a coarse shape; with a note.
+        srdf: MoveIt's SRDF file for this robot. Checks of the hand against itself skip the pairs of links that this
+            file disables, and those that an MJCF file excludes.
+        posture: fixed positions of joints that belong to no finger, such as those of an arm in the same model,
+            ``{joint: position}`` [rad or m]: see :meth:`HandModel.with_posture`.
         xacro_args: values of the xacro file's arguments, ``{name: value}``.
 
     Raises:

@@ -109,18 +109,19 @@ class HandModel:
         model: Pinocchio model; its universe frame is the world o, the palm is fixed in it. q and v are those of the
             actuated joints: joints that follow others are Pinocchio's mimic joints.
         geometry: collision geometry of palm and links.
-        palm: link the fingers start from.
+        palm: link from which the fingers start.
         fingers: in the order of the description.
         pose: oMh (4, 4), the hand's root frame in the world.
-        notes: what the caller should know (widened limits, coupled joints, missing meshes...).
+        notes: remarks for the caller (widened limits, coupled joints, missing meshes...).
         description: the URDF text that the model was built from.
-        own_shapes: the links' shapes as in the file, in the order of ``geometry``, where that has their convex hulls.
+        own_shapes: the links' shapes as in the file, in the order of ``geometry``, if that has their convex hulls.
         drives: the motors (m), and the joints that each of them moves.
-        springs: at joints; torques are without them.
-        disabled_collisions: pairs of links that are not looked at for collisions with each other.
-        visuals: what is seen of the links, where the description tells it; pictures read its meshes.
-        posture: of joints of no finger, as of an arm, ``{joint: position}`` [rad or m]: where they stay; others at 0.
-        continuous: joints that turn without end; their limits, -180 and 180 deg, do not hold for the path of an arm.
+        springs: springs at joints; torques do not include theirs.
+        disabled_collisions: pairs of links that are not checked for collisions with each other.
+        visuals: what is visible of the links, if the description has it; pictures read its meshes.
+        posture: fixed positions of joints that belong to no finger, such as an arm's, ``{joint: position}`` [rad or m];
+            others are at 0.
+        continuous: joints that turn without end; their limits, -180 and 180 deg, do not apply to the path of an arm.
     """
 
     name: str
@@ -173,7 +174,9 @@ class HandModel:
 
     @property
     def travel(self) -> tuple[Array, Array]:
-        """Ends of the joints' ways (n,), (n,) [rad or m]: their limits; infinity where a joint turns without end."""
+        """Ends of the joints' travel (n,), (n,) [rad or m]: their limits; infinity for a joint that turns without
+        end.
+        """
         endless = np.isin(self.joint_names, self.continuous)
         return read_only(np.where(endless, -np.inf, self.lower)), read_only(np.where(endless, np.inf, self.upper))
 
@@ -184,24 +187,26 @@ class HandModel:
 
     @property
     def arm(self) -> IntArray:
-        """Which of the actuated joints carry the palm (a,), those of an arm from its root on; none of a hand alone."""
+        """Which of the actuated joints carry the palm (a,): those of an arm, from its root on; empty for a hand
+        alone.
+        """
         palm = self.model.frames[self.frame_id(self.palm)].parentJoint
         joints = [self.model.joints[j] for j in self.model.supports[palm] if j]
         return np.array([joint.idx_v for joint in joints if joint.nv], dtype=int)
 
     @property
     def effort(self) -> Array:
-        """Effort limits (n,) [N m or N]; 0 where there is none. Of a joint that moves several jaws: of all of them."""
+        """Effort limits (n,) [N m or N]; 0 if there is none. For a joint that moves several jaws: of all of them."""
         return read_only(self.model.effortLimit)
 
     @property
     def effort_or_infinity(self) -> Array:
-        """Effort limits (n,) [N m or N]; infinity where the description has none."""
+        """Effort limits (n,) [N m or N]; infinity if the description has none."""
         return read_only(np.where(self.effort > 0, self.effort, np.inf))
 
     @property
     def couplings(self) -> dict[str, Coupling]:
-        """By coupled joint, the actuated joint that moves it and how."""
+        """For each coupled joint, the actuated joint that moves it, and how."""
         model, names, couplings = self.model, self.joint_names, {}
         for j in range(1, model.njoints):
             if not model.joints[j].nv:
@@ -224,29 +229,29 @@ class HandModel:
 
     @property
     def direct_drive(self) -> bool:
-        """Whether each independent joint has one motor of its own, so that its torque can be chosen by itself."""
+        """Whether each independent joint has one motor of its own, so that its torque can be chosen separately."""
         single = all(len(drive.joints) == 1 for drive in self.drives)
         return single and len(self.drives) == self.n and not self.passive_joints
 
     @property
     def ratios(self) -> tuple[Ratio, ...]:
-        """What the drives cannot choose of the joints' torques; nothing where each joint has its own."""
+        """Combinations of the joint torques that the drives cannot choose; empty if each joint has its own drive."""
         return () if self.direct_drive else ratios_of(self.joint_names, self.drives)
 
     def finger(self, name: str) -> Finger:
-        """The finger called ``name``; :class:`InvalidInput` lists the names there are."""
+        """Return the finger called ``name``; an unknown name raises :class:`InvalidInput`, which lists the names."""
         names = [finger.name for finger in self.fingers]
         one_of(f"finger of hand '{self.name}'", name, names)
         return self.fingers[names.index(name)]
 
     @property
     def velocity(self) -> Array:
-        """Velocity limits (n,) [rad/s or m/s]; 0 where the description has none."""
+        """Velocity limits (n,) [rad/s or m/s]; 0 if the description has none."""
         return read_only(self.model.velocityLimit)
 
     @property
     def mass(self) -> float:
-        """Mass of palm and fingers [kg]; of the palm only what the description gives."""
+        """Mass of palm and fingers [kg]; the palm counts only if the description has its mass."""
         return float(sum(inertia.mass for inertia in self.model.inertias))
 
     def finger_mass(self, name: str) -> float:
@@ -275,7 +280,7 @@ class HandModel:
         return np.array([self.is_prismatic(self.model.getJointId(name)) for name in self.joint_names], dtype=bool)
 
     def ratio(self, joint_id: int) -> float:
-        """How far a joint moves for each unit of the actuated joint that it follows; 1 for an actuated joint."""
+        """Motion of a joint per unit of the actuated joint that it follows; 1 for an actuated joint."""
         joint = self._joint(joint_id)
         return float(joint.extract().scaling) if joint.shortname() == "JointModelMimic" else 1.0
 
@@ -283,7 +288,7 @@ class HandModel:
         return self.model.joints[integer("joint", joint_id, at_least=0, at_most=self.model.njoints - 1)]
 
     def joint_inertia(self, q: ArrayLike) -> Array:
-        """Inertia of the joints in a posture q (n,), that of the motors included (n, n) [kg m^2 or kg]."""
+        """Inertia of the joints in a posture q (n,), including the motors (n, n) [kg m^2 or kg]."""
         upper = np.triu(pin.crba(self.model, self.model.createData(), array_of("q", q, (self.n,))))
         whole: Array = upper + np.triu(upper, 1).T
         return whole
@@ -301,7 +306,9 @@ class HandModel:
         return found if many else found[0]
 
     def frame_id(self, name: str) -> int:
-        """Pinocchio's index of a frame, of the link where a joint has the same name; unknown names are refused."""
+        """Pinocchio's index of a frame (the link's, if a joint has the same name); an unknown name raises
+        :class:`InvalidInput`.
+        """
         text_of(f"frame of hand '{self.name}'", name)
         kinds = (pin.FrameType.BODY, pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
         if (kind := next((kind for kind in kinds if self.model.existFrame(name, kind)), None)) is not None:
@@ -310,7 +317,7 @@ class HandModel:
         return int(self.model.getFrameId(name))
 
     def placed(self, pose: ArrayLike) -> HandModel:
-        """The same hand with its root frame at ``pose`` = oMh (4, 4)."""
+        """Return the same hand with its root frame at ``pose`` = oMh (4, 4)."""
         pose = placement_of("hand pose", pose)
         if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-12:
             U, _, V = np.linalg.svd(pose[:3, :3])  # given with few digits: the nearest rotation
@@ -330,7 +337,7 @@ class HandModel:
         return replace(self, model=model, geometry=geometry, pose=pose)
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> HandModel:
-        """The same hand with the position limits of some joints replaced [rad or m]; each change is noted."""
+        """Return the same hand with other position limits of some joints [rad or m]; each change is noted."""
         model, notes = self.model.copy(), [note for note in self.notes if not note.startswith(ON_LIMITS)]
         lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
         for joint, bounds in mapping_of("limits", limits, "{joint: (lower, upper)}").items():
@@ -352,13 +359,13 @@ class HandModel:
         return replace(self, model=model, notes=tuple(notes), continuous=continuous)
 
     def with_posture(self, posture: Mapping[str, float]) -> HandModel:
-        """The same hand with joints of no finger, as of an arm or a wrist, where they stay: ``{joint: position}``.
+        """Return the same hand with fixed positions of joints of no finger, such as an arm's: ``{joint: position}``.
 
-        Grasps are searched, closed, planned and simulated with them there; joints that are not named stay at 0, or at
+        Searches, closings, plans and simulations keep these joints there. Joints that are not named stay at 0, or at
         the limit next to it.
 
         Raises:
-            InvalidInput: a joint that there is not, that a finger has or that follows another, or a position [rad or m]
+            InvalidInput: the joint does not exist, belongs to a finger or follows another, or a position [rad or m] is
                 beyond its limits.
         """
         wanted, of_fingers = {}, {name for finger in self.fingers for name in finger.actuated}
@@ -377,8 +384,8 @@ class HandModel:
 
     @property
     def servo_stiffness(self) -> Array:
-        """Stiffness of the joints' own position servos (n,) [N m/rad or N/m]; NaN where none is known, or where a drive
-        moves several joints.
+        """Stiffness of the joints' own position servos (n,) [N m/rad or N/m]; NaN if none is known, or if a drive moves
+        several joints.
         """
         known = np.full(self.n, np.nan)
         for drive in self.drives:
@@ -387,10 +394,10 @@ class HandModel:
         return known
 
     def with_drives(self, drives: Iterable[Drive], springs: Iterable[Spring] | None = None) -> HandModel:
-        """The same hand with these motors, and these springs (None: those it has); what they leave open is noted.
+        """Return the same hand with these motors and springs (None: keep its springs); notes say what they leave open.
 
         Raises:
-            InvalidInput: for joints that the hand does not have or that follow others, and for names given twice.
+            InvalidInput: the hand does not have a joint, a joint follows another, or a name is given twice.
         """
         joints, couplings = self.joint_names, self.couplings
         drives = checked_drives(self.name, joints, couplings, drives)
@@ -411,7 +418,7 @@ class HandModel:
         return replace(hand, notes=tuple(dict.fromkeys(notes)))
 
     def describe(self) -> str:
-        """What was found: fingers, joints, links, limits, masses, drives, as readable text."""
+        """Describe fingers, joints, links, limits, masses and drives as readable text."""
         return "\n".join(describe_hand(self))
 
 

@@ -40,13 +40,13 @@ def find_pressing(hand: HandModel) -> BoolArray:
 
 
 def servo_gains(hand: HandModel, stiffness: ArrayLike | None = None) -> Array:
-    """Gains of the joints' servos (n,) [N m/rad or N/m].
+    """Return the gains of the joints' servos (n,) [N m/rad or N/m].
 
-    Default: the drives' own; else 50 N m/rad or 55.6 kN/m, and of the joints of an arm as much as gives way by 0.03 rad
-    or m to their largest torque.
+    The default gains are those of the drives, or else 50 N m/rad or 55.6 kN/m. Joints of an arm get gains with which
+    they give way by 0.03 rad or m under their largest torque.
 
     Raises:
-        InvalidInput: no hand, or gains that are not numbers from 0 on, one or (n,).
+        InvalidInput: not a hand, or gains that are not one or (n,) numbers >= 0.
     """
     instance_of("hand", hand, HandModel)
     if stiffness is None:

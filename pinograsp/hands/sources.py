@@ -31,17 +31,17 @@ _DATE = re.compile(r"\d{4}(-\d{2}(-\d{2})?)?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """Where one figure of a drive comes from.
+    """The source of one figure of a drive.
 
     Attributes:
-        figure: which one, by its name in :class:`~pinograsp.hands.drives.Drive`.
-        text: the manual, paper or file; of a guess, what it rests on.
-        guess: whether nobody has published or measured it.
-        interval: between which values it lies from unit to unit or setting to setting; None: not known.
-        date: when it was measured or published, as 2026-11 or 2026-11-28; "": not known.
+        figure: its name in :class:`~pinograsp.hands.drives.Drive`.
+        text: the manual, paper or file; for a guess, its basis.
+        guess: whether the figure is neither published nor measured.
+        interval: range in which it varies between units or settings; None: not known.
+        date: when it was measured or published, such as 2026-11 or 2026-11-28; "": not known.
 
     Raises:
-        InvalidInput: for values that make no source.
+        InvalidInput: the values do not describe a source.
     """
 
     figure: Figure
