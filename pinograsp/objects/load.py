@@ -43,29 +43,31 @@ def load_object(
     pose: ArrayLike | None = None,
     body: str | None = None,
 ) -> Body:
-    """The object in a URDF, SDF or MJCF file: its collision shapes where they are, as one solid, with the file's mass.
+    """Load the object in a URDF, SDF or MJCF file: its collision shapes in their places, as one solid, with the file's
+    mass.
 
     One box, sphere, cylinder, capsule or ellipsoid stays exact; several shapes become their union (needs the extra
-    ``mesh``). The file's centre of mass and inertia are kept. An inertia that no solid of that mass and size has, as
-    files often hold, is replaced by that of a homogeneous one, and ``notes`` say so. In an MJCF file, what is fixed in
-    a body belongs to it, shapes that touch nothing are left out, and shapes without a mass have MuJoCo's 1000 kg/m^3.
+    ``mesh``). The file's centre of mass and inertia are kept. Files often hold an inertia that no solid of that mass
+    and size can have; it is replaced by that of a homogeneous solid, and ``notes`` say so. In an MJCF file, bodies
+    fixed to a body belong to it, shapes that touch nothing are left out, and shapes without a mass have MuJoCo's 1000
+    kg/m^3.
 
     Args:
-        path: ``.urdf``, ``.sdf`` or MuJoCo's ``.xml``; the text of such a file; or a ``mujoco.MjSpec``, which stays as
-            it is.
-        mass: [kg], instead of the file's; centre of mass and the shape of the inertia stay.
-        density: [kg/m^3], of a homogeneous solid instead of all that.
-        hulls: take the convex hull of each mesh, as physics engines do; for meshes that are not closed.
+        path: ``.urdf``, ``.sdf`` or MuJoCo's ``.xml``; the text of such a file; or a ``mujoco.MjSpec``, which is not
+            changed.
+        mass: replaces the file's [kg]; the centre of mass and the shape of the inertia stay.
+        density: of a homogeneous solid, instead of the file's mass, centre of mass and inertia [kg/m^3].
+        hulls: use the convex hull of each mesh, as physics engines do; for meshes that are not closed.
         packages: folders of ROS packages, ``{name: folder}``, for ``package://name/``.
         pose: oMb (4, 4), the frame of the file (of the link in URDF, of the model in SDF, of the body in MJCF) in the
             world [m]; default: the world's.
-        body: of an MJCF file's bodies, the one that is meant; default: the only free one, or the only one.
+        body: which of an MJCF file's bodies; default: the only free one, or the only one.
 
     Returns:
         The object; its body frame is that of the file.
 
     Raises:
-        InvalidInput: no such file, several links or bodies, joints that move, a mesh that is missing or bounds no
+        InvalidInput: no such file, several links or bodies, moving joints, a mesh that is missing or does not bound a
             solid, no mass.
     """
     from pinograsp.hands.elements import is_text  # with Pinocchio, slow to import

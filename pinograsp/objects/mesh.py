@@ -54,12 +54,12 @@ class _Derived:
 class Mesh(Body):
     """A solid bounded by a closed surface of triangles, or the convex hull of one.
 
-    The body frame is that in which the vertices are given, the file's.
+    The body frame is that of the vertices, as in the file.
 
-    Vertices within 1e-8 m are merged; small holes, as scans have them (at most 0.2 % of the surface), are closed, and a
-    mesh that is inside out is turned round, which ``notes`` say. Parts that meet, as those of a convex decomposition,
-    become one solid, their union (needs the extra ``mesh``), noted. Surfaces that are open, wound both ways or without
-    volume are refused, unless the hull is asked for. A part that crosses itself is not noticed.
+    Vertices within 1e-8 m are merged. Small holes, as in scans (at most 0.2 % of the surface), are closed, and a mesh
+    that is inside out is inverted; ``notes`` say so. Parts that meet, such as those of a convex decomposition, become
+    one solid, their union (needs the extra ``mesh``), with a note. Surfaces that are open, wound inconsistently or
+    without volume are rejected, unless you ask for the hull. A part that crosses itself is not detected.
 
     :meth:`project`: on a face the normal is the face's. On an edge or a corner it is the direction between the point
     and its nearest surface point, and for a point on the edge itself the mean of the faces' that meet there (weighted
@@ -69,8 +69,8 @@ class Mesh(Body):
         vertices: (n, 3) in the body frame [m].
         faces: (m, 3) indices into the vertices, counter-clockwise seen from outside.
         convex: whether to take the convex hull.
-        com: the centre of mass (3,) in the body frame [m], where it was measured; None: that of a homogeneous solid,
-            which :attr:`com_b` tells.
+        com: the centre of mass (3,) in the body frame [m], if it was measured; None: that of a homogeneous solid, see
+            :attr:`com_b`.
         mass, density, pose, inertia, notes, shape_pose: see :class:`~pinograsp.objects.body.Body`.
     """
 
@@ -105,19 +105,19 @@ class Mesh(Body):
         convex: bool = False,
         pose: ArrayLike | None = None,
     ) -> Mesh:
-        """The mesh in a file: STL, OBJ, PLY, GLB, OFF or DAE; the parts of a scene make one solid.
+        """Load the mesh in a file: STL, OBJ, PLY, GLB, OFF or DAE; the parts of a scene make one solid.
 
-        Several files are the parts of one object in the same frame, as a convex decomposition has them; they become
-        one solid, their union (needs the extra ``mesh``).
+        Several files are the parts of one object in the same frame, as in a convex decomposition; they become one
+        solid, their union (needs the extra ``mesh``).
 
         Args:
             path: a file, a folder of mesh files, a pattern of them (``parts/*.obj``), or a sequence of files.
-            scale: metres per unit of the file (0.001 for millimetres); of a COLLADA file, which says its unit and is
-                read in metres, how many times as large.
+            scale: metres per unit of the file (0.001 for millimetres). A COLLADA file states its unit and is read in
+                metres; for it, a factor on the size.
             mass, density, convex, pose: see the class.
 
         Raises:
-            InvalidInput: no such file, not a mesh, or one that is refused (see the class).
+            InvalidInput: no such file, not a mesh, or a mesh that the class rejects.
         """
         scale = number("mesh scale", scale, above=0)
         paths = mesh_files(path)
@@ -224,10 +224,11 @@ class Mesh(Body):
 
     @property
     def convex_parts(self) -> ConvexParts:
-        """Convex parts that together are about the solid, in the shape's own frame, and their error.
+        """Convex parts that together approximate the solid, in the shape's own frame, and their error.
 
-        Those of the files, where these are convex each, as in a decomposition. Otherwise the same mesh has the same
-        parts; they take seconds, once, or a minute where the surface crosses itself, and need the extra ``mesh``.
+        If the files are convex parts, as in a decomposition, these are used. Otherwise the parts are computed, always
+        the same for the same mesh. This takes seconds, once, or a minute if the surface crosses itself, and needs the
+        extra ``mesh``.
 
         Raises:
             ExtraMissing: coacd (extra ``mesh``) is not installed.
@@ -257,8 +258,8 @@ class Mesh(Body):
 
         Estimated at the surface points nearest to ``points_o`` (k, 3) [m] from a quadratic fitted to the surface within
         ``radius`` [m], by default three times the height of the triangles (over their longest sides; the median by
-        area). On spheres and ellipsoids both are then within 2 % of the larger curvature where the triangles' height is
-        a tenth of the smallest radius of curvature, within 4 % where it is a fifth. An edge shows as a curvature of
+        area). On spheres and ellipsoids both are then within 2 % of the larger curvature if the triangles' height is a
+        tenth of the smallest radius of curvature, and within 4 % if it is a fifth. An edge appears as a curvature of
         about one over the radius.
 
         Raises:

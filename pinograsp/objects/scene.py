@@ -24,15 +24,15 @@ STANDS = 2e-3  # [m] what is no farther from an object is what it stands on
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """Obstacles that stay where they are, and how near a robot may come.
+    """Fixed obstacles, and how near a robot may come to them.
 
-    Tables, boxes, meshes and what URDF, SDF and MJCF files describe are all bodies
-    (:func:`~pinograsp.objects.load_object` reads files); their masses do not matter.
+    Obstacles are bodies: tables, boxes, meshes, or objects in URDF, SDF and MJCF files
+    (:func:`~pinograsp.objects.load_object` reads them). Their masses do not matter.
 
     Attributes:
-        obstacles: ``{name: body}``, where they are in the world.
-        clearance: distance that robot and held object keep from them, and the robot from what it does not take [m]. A
-            hand that takes or puts down may come nearer to the object and to what that stands on.
+        obstacles: ``{name: body}``, in their places in the world.
+        clearance: distance that robot and held object keep from the obstacles, and the robot from an object that it
+            does not hold [m]. A hand that takes or puts down an object may come nearer to it and to its support.
     """
 
     obstacles: Mapping[str, Body] = field(default_factory=dict)
@@ -58,35 +58,39 @@ class Scene:
         at: ArrayLike = (0.5, 0.0),
         clearance: float = CLEARANCE,
     ) -> Scene:
-        """A level table alone: a board of 40 mm, ``size`` (2,) [m] with its middle ``at`` (2,) [m], its top at
-        ``height`` [m] along the world's z axis.
+        """Return a scene with a level table only: a board of 40 mm, ``size`` (2,) [m] with its middle ``at`` (2,) [m],
+        its top at ``height`` [m] along the world's z axis.
         """
         (x, y), (across, along) = array_of("at", at, (2,)), array_of("size of a table", size, (2,))
         top = number("height of a table", height, unit="m")
         return cls(clearance=clearance).with_box("table", (across, along, _BOARD), at=(x, y, top - _BOARD / 2))
 
     def with_obstacle(self, name: str, body: Body) -> Scene:
-        """With one more.
+        """Return the scene with one more obstacle.
 
         Raises:
-            InvalidInput: a name that there is already, or no body.
+            InvalidInput: the name already exists, or this is not a body.
         """
         if name in self.obstacles:
             raise InvalidInput(f"obstacle '{name}': expected a new name, got one that already exists")
         return replace(self, obstacles={**self.obstacles, name: body})
 
     def with_box(self, name: str, size: ArrayLike, *, at: ArrayLike) -> Scene:
-        """With one more, a box with edges ``size`` (3,) [m] along the world's axes and its middle ``at`` (3,) [m]."""
+        """Return the scene with one more obstacle: a box, edges ``size`` (3,) [m] along the world's axes, middle ``at``
+        (3,) [m].
+        """
         place = pose_of(array_of(f"at of obstacle '{name}'", at, (3,)), np.eye(3))
         return self.with_obstacle(name, Box(size=size, density=_DENSITY, pose=place))
 
     def find_supports(self, body: Body, places: Sequence[Array] = ()) -> set[str]:
-        """Names of the obstacles that a body stands on, or all but does, here or at ``places`` (4, 4) of its frame."""
+        """Return the names of the obstacles on which a body stands, or nearly so, here or at ``places`` (4, 4) of its
+        frame.
+        """
         everywhere = (body, *(body.placed(place) for place in places))
         return {name for one in everywhere for name, gap in self.measure_gaps(one).items() if gap <= STANDS}
 
     def measure_gaps(self, body: Body) -> dict[str, float]:
-        """Distances of obstacles from a body [m]; below 0 where they overlap."""
+        """Return the distances of the obstacles from a body [m]; below 0 if they overlap."""
         found = dict[str, float]()
         for name, obstacle in self.obstacles.items():
             at = [coal.Transform3s(one.shape_pose[:3, :3], one.shape_pose[:3, 3]) for one in (obstacle, body)]

@@ -122,12 +122,12 @@ def object_language() -> list[str]:
 
 
 def object_from(spec: str, *, packages: Mapping[str, str | Path] | None = None) -> Body:
-    """The object that a text describes, at the world's origin (move it with ``placed``).
+    """Return the object that a text describes, at the world's origin (move it with ``placed``).
 
     ``shape:field=value,field=value,...`` with the fields of the shapes in metres, kilograms and kg/m^3:
     ``"cylinder:radius=0.02,height=0.12,mass=0.2"``, ``"box:size=0.04x0.06x0.1,density=500"``,
     ``"mesh:path=mug.stl,scale=0.001,density=400,convex=true"``, ``"file:path=mug.urdf"``; sphere, capsule and ellipsoid
-    alike. An object of a file stands as in :func:`~pinograsp.objects.load_object`.
+    alike. An object of a file is placed as in :func:`~pinograsp.objects.load_object`.
 
     Args:
         spec: the text.
