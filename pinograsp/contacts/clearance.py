@@ -284,7 +284,7 @@ class Distances:
 
 
 def check_geometry(hand: HandModel) -> None:
-    """Refuse a hand without collision geometry, or with more of it than can be searched in reasonable time."""
+    """Raise InvalidInput for a hand without collision geometry, or with too much of it to search in reasonable time."""
     instance_of("hand", hand, HandModel)
     if hand.geometry.ngeoms > _MOST_SHAPES:
         raise InvalidInput(
@@ -308,7 +308,7 @@ def _pose(data: pin.Data, joint: int, placement: pin.SE3) -> coal.Transform3s:
 
 
 def link_centre(hand: HandModel, data: pin.Data, joint: int) -> Array:
-    """Centre of the geometry that a joint carries (3,) in the world [m]; its origin where it carries none."""
+    """Return the centre of the geometry that a joint carries (3,) in the world [m]; its origin if it carries none."""
     instance_of("hand", hand, HandModel)
     instance_of("data", data, pin.Data)
     joint = integer("joint", joint, at_least=0, at_most=hand.model.njoints - 1)
@@ -320,13 +320,13 @@ def link_centre(hand: HandModel, data: pin.Data, joint: int) -> Array:
 
 
 def fingertips(hand: HandModel, data: pin.Data) -> Array:
-    """Where the fingers press: centres of their last links (f, 3) in the world [m].
+    """Return where the fingers press: centres of their last links (f, 3) in the world [m].
 
-    A single finger presses with its end against the palm. For it: its end, and the point of the palm that is nearest
-    to where that end can get (2, 3).
+    A single finger presses with its end against the palm. For it: its end, and the point of the palm nearest to where
+    that end can reach (2, 3).
 
     Raises:
-        InvalidInput: no hand, or data that are not of its model.
+        InvalidInput: not a hand, or data of another model.
     """
     instance_of("hand", hand, HandModel)
     if len(instance_of("data", data, pin.Data).oMi) != hand.model.njoints:
@@ -369,7 +369,7 @@ def _nearest(hand: HandModel, data: pin.Data, joint: int, point: Array) -> tuple
 
 
 def clearance(hand: HandModel, body: Body, q: ArrayLike) -> float:
-    """Least signed distance of the hand's geometry at q (n,) from ``body`` [m]; negative where they overlap."""
+    """Return the least signed distance of the hand's geometry at q (n,) from ``body`` [m]; negative if they overlap."""
     check_geometry(hand)
     distances = Distances(hand, instance_of("body", body, Body))
     distances.put(array_of("q", q, (hand.n,)))

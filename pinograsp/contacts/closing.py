@@ -60,24 +60,24 @@ def close_hand(
 ) -> Closure:
     """Close ``hand`` on ``body`` until nothing moves any more.
 
-    Every joint moves from ``start`` to ``target`` in the same share of the way (the paper's Table IV), or in turn. A
-    link that touches stops the joints that carry it; joints beyond go on. Coupled joints stop together.
+    All joints move from ``start`` to ``target`` by the same share of their ways (the paper's Table IV), or one after
+    the other. A link that touches stops the joints that carry it; joints beyond it continue. Coupled joints stop
+    together.
 
     Args:
         hand: placed in the world.
-        body: a shape of :mod:`pinograsp.objects`, held still unless fingers that share an actuator push it.
+        body: a shape of :mod:`pinograsp.objects`; it does not move unless fingers that share an actuator push it.
         start: open posture, ``{finger: angles (n_f,)}`` [rad] (others at their default) or q (n,). Default: the
             synergy of :func:`open_and_closed`, which works for any hand; joints of no finger stay at ``hand.posture``.
-        target: closed posture, likewise.
-        palm: whether the links that do not move can be touched.
-        fingers: names of those that close; default: all. The others stay at ``start``.
-        wrap: close joint after joint, from base to tip, for power grasps: every link gets its chance to touch.
-        fixed: hold the object still even where fingers share an actuator: then the first of them that touches stops
-            all.
-        friction: coefficient at which an object that such fingers push jams between them [-]: it is pushed no further.
-            Not used with ``fixed``.
-        prepared: what closings of this hand on this object have in common, wherever they are, for many of them: it
-            decides about ``palm``. None: it is made anew, which takes milliseconds.
+        target: closed posture, in the same form.
+        palm: whether the links that do not move can touch the object.
+        fingers: names of the fingers that close; default: all. The others stay at ``start``.
+        wrap: close joint after joint, from base to tip, for power grasps, so that every link can touch.
+        fixed: keep the object still even if fingers share an actuator: the first of them that touches then stops all.
+        friction: coefficient at which an object that such fingers push jams between them, so that they push it no
+            further [-]. Not used with ``fixed``.
+        prepared: what all closings of this hand on this object share, wherever the two are; it decides about ``palm``.
+            None: it is computed, which takes milliseconds.
 
     Raises:
         InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.

@@ -33,8 +33,8 @@ class Touch:
         gap: distance left [m].
         point_l: the link's own point in its joint's frame (3,) [m].
         length: l_c, distance of that point from the link's joint [m].
-        patch_o: corners (p, 3) of the area that touches, where both are flat [m]; else the point alone. ``point_o`` and
-            ``point_l`` are then their mean.
+        patch_o: corners (p, 3) of the contact area if both surfaces are flat [m], and ``point_o`` and ``point_l`` are
+            then their mean; otherwise the point alone.
         sharp: whether a millimetre along the surface turns the normal by more than 25 deg.
     """
 
@@ -109,7 +109,7 @@ class ClosingPath:
     """How a hand closed; the motion is piecewise linear between the e samples.
 
     Attributes:
-        shares: of the path (e,), 0 open, 1 closed: at the start, at every touch, where joints end, and at the end.
+        shares: of the path (e,), 0 open, 1 closed: at the start, at every touch, when joints stop, and at the end.
         postures: at these shares (e, n) [rad].
     """
 
@@ -125,16 +125,16 @@ class Closure(TouchingHand):
 
     Attributes:
         hand: the hand that closed.
-        object: what it closed on, where jaws that share an actuator have pushed it.
-        q: posture when nothing moves any more (n,) [rad].
-        start: where the path begins (n,) [rad].
-        target: where it leads (n,) [rad].
+        object: the object, in the place to which jaws that share an actuator have pushed it.
+        q: final posture (n,) [rad].
+        start: posture at the beginning of the path (n,) [rad].
+        target: posture at its end, without contacts (n,) [rad].
         touches: in the order they happened. Fingers without any are at ``start``.
         stops: ``{joint: reason}``, ``"touch of <link>"``, ``"joint limit"`` or ``"end of path"``.
         path: the motion, sample by sample.
-        self_collisions: pairs of links that overlap in the end and did not at the start.
+        self_collisions: pairs of links that overlap at the end and did not at the start.
         pushed: motion (4, 4) of the object in the world by jaws that share an actuator; identity if none.
-        notes: what the caller should know.
+        notes: remarks for the caller.
     """
 
     hand: HandModel

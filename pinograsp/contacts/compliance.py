@@ -39,13 +39,13 @@ _SAMPLES, _BEYOND = 65, 4.0
 class Compliance(Protocol):
     """A contact law F_n = f(delta) (1 + loss ddelta). Laws of your own derive from this class.
 
-    They say ``force``, ``depth``, ``slope`` and ``energy`` for numbers and arrays of any shape; all else follows, and
-    may be said better where more is known.
+    A law defines ``force``, ``depth``, ``slope`` and ``energy`` for numbers and arrays of any shape. Everything else
+    follows from these; override it if you know a closed form.
     """
 
     @abstractmethod
     def force(self, depth: ArrayLike) -> Array:
-        """f [N] at rest at penetration ``depth`` [m]: zero up to depth 0, and rising from there."""
+        """f [N] at rest at penetration ``depth`` [m]: zero up to depth 0, rising above."""
 
     @abstractmethod
     def depth(self, force: ArrayLike) -> Array:
@@ -57,7 +57,7 @@ class Compliance(Protocol):
 
     @abstractmethod
     def energy(self, depth: ArrayLike) -> Array:
-        """What the contact has stored [J] at penetration ``depth`` [m]: the integral of f from depth 0."""
+        """Stored energy of the contact [J] at penetration ``depth`` [m]: the integral of f from depth 0."""
 
     @property
     def loss(self) -> float:
@@ -66,17 +66,17 @@ class Compliance(Protocol):
 
     @property
     def measure_factor(self) -> float:
-        """How many times impulse and work of a contact the two measures are [-]: rho + 1 of the paper's law."""
+        """Ratio of the two measures to impulse and work of a contact [-]: rho + 1 for the paper's law."""
         return 1.0
 
     def normal_force(self, depth: ArrayLike, rate: ArrayLike = 0.0) -> Array:
-        """F_n [N] at penetration ``depth`` [m] and ``rate`` [m/s]; zero where there is no penetration."""
+        """F_n [N] at penetration ``depth`` [m] and ``rate`` [m/s]; zero without penetration."""
         depths, rates = finite_of("depth", depth), finite_of("rate", rate)
         alike("depth and rate", depths, rates)
         return (1.0 + self.loss * rates) * self.force(depths)
 
     def scale(self, factor: float) -> Compliance:
-        """The law of contacts that press ``factor`` times as much at any depth."""
+        """Return the law of contacts that press ``factor`` times as much at any depth."""
         return _Scaled(self, number("stiffness factor", factor, above=0))
 
     def impulse(self, final_depth: ArrayLike, duration: float, shape: DecelerationShape = CONSTANT) -> Array:
@@ -104,14 +104,13 @@ class Compliance(Protocol):
     def powers(
         self, measure: Measure, duration: float, shape: DecelerationShape = CONSTANT, *, largest: float
     ) -> Powers:
-        """A measure as a sum of powers of the final normal force F [N], which solvers take.
+        """A measure as a sum of powers of the final normal force F [N], the form that solvers need.
 
-        Fitted at forces up to ``largest`` [N] by powers with exponents from 1 on and coefficients above 0, to a tenth
-        of the largest energy. Pairs differ with ``duration`` = tau [s] in coefficients alone, each of which rises or
-        falls with it.
+        The sum has exponents >= 1 and coefficients > 0, and is fitted at forces up to ``largest`` [N] to a tenth of the
+        largest energy. With ``duration`` = tau [s] only the coefficients change, each of them monotonically.
 
         Raises:
-            InvalidInput: an energy that is further from any such sum, since it is not convex.
+            InvalidInput: no such sum comes near enough, because the energy is not convex.
         """
         _, tau = _check_measured(0.0, duration, shape)
         forces = number("largest force", largest, above=0, at_most=1e12, unit="N") * np.arange(1, _FITTED + 1) / _FITTED
@@ -138,7 +137,7 @@ class Compliance(Protocol):
         )
 
     def numbers(self, deepest: float) -> ContactLaw:
-        """The law by its numbers, as plans keep it: here a table of forces, up to well above the depth ``deepest`` [m].
+        """The numbers of the law, for plans: here a table of forces, up to well above the depth ``deepest`` [m].
 
         :func:`law_of` reads them.
         """
@@ -186,7 +185,7 @@ class MarhefkaOrin(Compliance):
         object.__setattr__(self, "exponent", number("contact exponent rho", self.exponent, above=0))
 
     def force(self, depth: ArrayLike) -> Array:
-        """K delta^rho [N]; zero where there is no penetration."""
+        """K delta^rho [N]; zero without penetration."""
         return np.asarray(self.stiffness * np.maximum(depth, 0.0) ** self.exponent)
 
     def depth(self, force: ArrayLike) -> Array:
@@ -194,7 +193,7 @@ class MarhefkaOrin(Compliance):
         return (at_least_zero("normal force", force) / self.stiffness) ** (1 / self.exponent)
 
     def slope(self, depth: ArrayLike) -> Array:
-        """rho K delta^(rho-1) [N/m]; infinite at depth 0 where rho < 1."""
+        """rho K delta^(rho-1) [N/m]; infinite at depth 0 if rho < 1."""
         with np.errstate(divide="ignore"):
             return np.asarray(self.exponent * self.stiffness * np.maximum(depth, 0.0) ** (self.exponent - 1))
 
@@ -236,7 +235,7 @@ class MarhefkaOrin(Compliance):
     def powers(
         self, measure: Measure, duration: float, shape: DecelerationShape = CONSTANT, *, largest: float = 0.0
     ) -> Powers:
-        """As of any law; of F = K delta_F^rho (Eq. 26) both measures are such sums exactly, however large F is."""
+        """As for any law; with F = K delta_F^rho (Eq. 26) both measures are exactly such sums, for any F."""
         (_, tau), K, rho, damping = _check_measured(0.0, duration, shape), self.stiffness, self.exponent, self.damping
         if one_of("measure", measure, MEASURES) == "impulse":
             stiff = (shape.impulse_factor(rho) * tau, 1.0)

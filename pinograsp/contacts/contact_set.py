@@ -41,16 +41,17 @@ class Contact:
 
     Attributes:
         finger: name of the finger.
-        link: the link that touches ("" where no hand is involved).
+        link: the link that touches ("" without a hand).
         point_o: contact point (3,) in the world [m].
         rotation_oc: contact frame R_oc (3, 3); columns x, y tangent, z the inward normal (into the object).
-        length: distance of the contact point from the link's joint [m] (l_c of Eq. 3); None where the contact phase
+        length: distance of the contact point from the link's joint [m] (l_c of Eq. 3); None if the contact phase
             determines it.
         distance: signed distance of the point from the object's surface [m], negative inside.
         point_l: the link's point that touches, in its joint's frame (3,) [m]; None: on the line along the link, at
             ``length``.
-        sharp: whether a millimetre along the surface turns the normal by more than 25 deg: of an edge of the object
-            that a corner, an edge or a narrow tip of the link meets, not its face. None: not known, the object decides.
+        sharp: whether a millimetre along the surface turns the normal by more than 25 deg: on an edge of the object
+            that a corner, an edge or a narrow tip of the link touches, not its face. None: not known, the object
+            decides.
     """
 
     finger: str
@@ -94,10 +95,10 @@ class ContactSet:
 
     Attributes:
         com_o: the object's centre of mass (3,) [m].
-        posture: of the hand that touches there (n,) [rad]; None where the contact phase is to find it.
+        posture: of the hand that touches there (n,) [rad]; None if the contact phase has to find it.
         G: grasp map (6, 3k): stacked contact forces f_c -> wrench on the object, linear first [N, N m]. The force on
             the object at contact i is h_i = R_oc,i f_c,i (Eqs. 6, 7); moments are about the centre of mass, world axes.
-        mean_distance: mean distance of the contacts from the centre of mass [m]; 1 where that is zero.
+        mean_distance: mean distance of the contacts from the centre of mass [m]; 1 if that is zero.
     """
 
     contacts: tuple[Contact, ...]
@@ -145,8 +146,8 @@ class ContactSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """A label per contact: the finger's name, with the link where a finger has several contacts, and a number where
-        a link has.
+        """A label per contact: the finger's name, with the link if a finger has several contacts, and a number if a
+        link has several.
         """
         fingers = [c.finger for c in self.contacts]
         names = [f"{c.finger}/{c.link}" if fingers.count(c.finger) > 1 else c.finger for c in self.contacts]
@@ -165,8 +166,8 @@ class ContactSet:
         return frozen(np.array([c.rotation_oc for c in self.contacts]))
 
     def checked_moment_length(self, length: float | None = None) -> float:
-        """The length [m] that moments are divided by, default ``mean_distance``; refused where they do not compare with
-        forces then.
+        """Return the length [m] by which moments are divided, default ``mean_distance``; InvalidInput if it is
+        unsuitable.
         """
         name = (
             "moment length"
@@ -193,16 +194,16 @@ def contacts_at(
     gravity_o: ArrayLike = (0.0, 0.0, -9.81),
     tolerance: float = 1e-3,
 ) -> ContactSet:
-    """Contacts of ``hand`` on ``body`` at given points.
+    """Return the contacts of ``hand`` on ``body`` at given points.
 
     A point keeps its place; its frame comes from the nearest point of the surface (on a cylinder's side: the radial
-    direction). Points farther than ``tolerance`` from the surface are refused.
+    direction). Points farther than ``tolerance`` from the surface are rejected.
 
     Args:
         hand: a :class:`~pinograsp.hands.HandModel`, or None to work with forces alone.
         body: a shape of :mod:`pinograsp.objects`.
-        points: ``{finger: (3,) or (c, 3)}`` in the world [m], base to tip where a finger has several; with
-            ``hand=None`` an array (k, 3) will do.
+        points: ``{finger: (3,) or (c, 3)}`` in the world [m], base to tip if a finger has several; with ``hand=None``
+            an array (k, 3) is enough.
         links: ``{finger: [link, ...]}`` that touch, one per point. Default: one point on the last link; three points
             on the last three links.
         lengths: ``{finger: [l_c, ...]}``, distance of each contact point from the link's joint [m]. Default: the

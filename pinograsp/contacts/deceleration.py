@@ -31,8 +31,8 @@ class DecelerationShape:
 
     Attributes:
         name: short text for reports.
-        alpha: deceleration / A over u in [0, 1], piecewise polynomial, >= 0 [-]; any scale is taken and normalised to
-            maximum 1.
+        alpha: deceleration / A over u in [0, 1], piecewise polynomial, >= 0 [-]; any scale is accepted and normalised
+            to maximum 1.
         depth_factor: m [-], final depth = m A tau^2 (constant deceleration: 1/2).
         speed_factor: v [-], impact speed = v A tau (constant deceleration: 1).
     """
@@ -125,9 +125,10 @@ class DecelerationShape:
 
     @property
     def quadrature(self) -> tuple[Array, Array, Array]:
-        """Weights (n,) of an integral over u from 0 to 1, and there the depth over the final one and its rate (n,) [-].
+        """Weights (n,) of an integral over u from 0 to 1, and at its points the depth over the final depth, and its
+        rate (n,) [-].
 
-        For functions of the depth that may start as a power of it, which is smooth in the fourth root of u.
+        For functions of the depth that may start as a power of the depth; these are smooth in the fourth root of u.
         """
         ends = self.alpha.x
         u, weights = [], []

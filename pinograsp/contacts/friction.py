@@ -61,7 +61,9 @@ class Friction:
 
     @classmethod
     def standard(cls, model: FrictionModel, *, safety: float = 1.0) -> Friction:
-        """A model by its name alone: four edges, and of soft fingers 5 mm of torsion, as of a rubber pad of 1 cm."""
+        """Return a model by its name alone: four edges for a pyramid, and 5 mm of torsion for soft fingers, as for a
+        rubber pad of 1 cm.
+        """
         elliptic = FRICTION_TRAITS[one_of("friction model", model, FRICTION_MODELS)].elliptic
         return cls(model=model, torsion=5e-3 if elliptic else 0.0, safety=safety)
 

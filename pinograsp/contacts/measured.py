@@ -21,7 +21,7 @@ _HALVINGS = 60  # of the interval between two depths: to the last digit
 class MeasuredCompliance(Compliance):
     """A law through measured points, monotone and smooth between them (Fritsch and Carlson's cubics).
 
-    It starts at no force at depth 0, and goes on as steeply as it ends beyond the last point.
+    The force is 0 at depth 0; beyond the last point the curve continues with its final slope.
 
     Attributes:
         depths: of the points (m,) [m], rising from 0 or above; at least one above 0.
@@ -88,7 +88,7 @@ class MeasuredCompliance(Compliance):
         return np.asarray(self._force(np.maximum(depth, 0.0), 1))
 
     def energy(self, depth: ArrayLike) -> Array:
-        """What the contact has stored [J] at penetration ``depth`` [m]."""
+        """Stored energy of the contact [J] at penetration ``depth`` [m]."""
         return np.asarray(self._energy(np.maximum(depth, 0.0)))
 
     def numbers(self, deepest: float = 0.0) -> ContactLaw:
@@ -98,7 +98,7 @@ class MeasuredCompliance(Compliance):
 
 
 def law_of(stored: ContactLaw) -> Compliance:
-    """The law that a plan keeps by its numbers (:meth:`Compliance.numbers`)."""
+    """Return the law whose numbers a plan keeps (:meth:`Compliance.numbers`)."""
     if len(stored.table):
         return MeasuredCompliance(depths=stored.table[:, 0], forces=stored.table[:, 1], damping=stored.damping)
     return MarhefkaOrin(stiffness=stored.stiffness, damping=stored.damping, exponent=stored.exponent)

@@ -175,12 +175,13 @@ def find_normal(distances: Distances, part: HandPart, point: Array, normal: Arra
 
 
 def touching(hand: HandModel, body: Body, contacts: ContactSet, posture: ArrayLike) -> ContactSet:
-    """The contacts with the posture at which the links' surfaces, not their ends, touch ``body`` at the given points.
+    """Return the contacts with the posture in which the links' surfaces, not their ends, touch ``body`` at the given
+    points.
 
     Args:
         hand: as for :func:`contacts_at`.
         body: as for :func:`contacts_at`.
-        contacts: one a link.
+        contacts: one per link.
         posture: q (n,) [rad] near which to search.
 
     Returns:
@@ -188,7 +189,7 @@ def touching(hand: HandModel, body: Body, contacts: ContactSet, posture: ArrayLi
         posture.
 
     Raises:
-        ContactNotReached: there is no such posture within the joint limits near the given one.
+        ContactNotReached: no such posture exists within the joint limits near the given one.
         InvalidInput: several contacts on one link.
     """
     instance_of("hand", hand, HandModel)

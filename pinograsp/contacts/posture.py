@@ -44,15 +44,15 @@ class PostureContacts(TouchingHand):
     """Where a hand touches an object at a posture.
 
     Attributes:
-        hand: where it is.
-        object: where it is.
-        q: the posture (n,) [rad or m], settled where that was asked for.
+        hand: the hand, in its place.
+        object: the object, in its place.
+        q: the posture (n,) [rad or m], settled if you asked for that.
         given: the posture that was given (n,).
-        touches: a link each, within the tolerance; their ``gap`` is negative inside.
-        overlaps: links that are deeper inside than the tolerance, ``{link: depth [m]}``; they are no touches.
+        touches: one per link, within the tolerance; their ``gap`` is negative inside.
+        overlaps: links that are deeper inside than the tolerance, ``{link: depth [m]}``; they do not count as touches.
         self_collisions: pairs of links that overlap.
         residual: largest distance of a finger's touch from the surface, outside or inside [m].
-        notes: what the caller should know.
+        notes: remarks for the caller.
     """
 
     hand: HandModel
@@ -71,10 +71,10 @@ class PostureContacts(TouchingHand):
 def contacts_of(
     hand: HandModel, body: Body, q: ArrayLike, *, tolerance: float = 2e-3, settle: bool = False
 ) -> PostureContacts:
-    """Where the links of ``hand`` touch ``body`` at a posture, or are within a tolerance of it, outside or inside.
+    """Find where the links of ``hand`` touch ``body`` in a posture, or are within a tolerance of it, outside or inside.
 
-    A link counts where its surface is nearest to the object, or deepest in it along the normal that both surfaces have
-    in common.
+    The contact of a link is the point of its surface that is nearest to the object, or deepest in it along the common
+    normal of both surfaces.
 
     Args:
         hand: placed in the world.
@@ -82,8 +82,7 @@ def contacts_of(
         q: posture (n,) [rad or m]; coupled joints follow.
         tolerance: distance from the surface [m] up to which a link touches.
         settle: change the joints as little as possible (least squares; sliding joints by 30 mm for 1 rad), within their
-            limits, so that the fingers' touching links meet the surface; what cannot be reached is left, see
-            ``residual``.
+            limits, so that the fingers' touching links meet the surface; ``residual`` says what cannot be reached.
 
     Raises:
         InvalidInput: a posture beyond the joints' limits, or a hand without geometry.

@@ -21,10 +21,10 @@ _SPREADS, _SAMPLES = 7, 12  # values tried of a joint that spreads a finger, and
 def open_and_closed(hand: HandModel, body: Body) -> tuple[Array, Array]:
     """A default synergy: an open and a closed posture (n,), (n,) [rad or m] for closing on ``body``.
 
-    Flexion joints (those parallel to their finger's last joint) and sliding joints run from the limit that takes the
-    fingertip away from the object (turning joints keep a little room there) to the one that takes it there. Other
-    joints spread or oppose the fingers: each stays where its finger, when it flexes, comes nearest to the object.
-    Joints of no finger stay where ``hand.posture`` has them, or near 0.
+    Flexion joints (those parallel to their finger's last joint) and sliding joints move from the limit that takes the
+    fingertip away from the object (turning joints keep a little room there) to the limit that takes it towards the
+    object. Other joints spread or oppose the fingers: each stays in the position in which its flexing finger comes
+    nearest to the object. Joints of no finger stay at ``hand.posture``, or near 0.
     """
     instance_of("hand", hand, HandModel)
     instance_of("body", body, Body)
