@@ -51,10 +51,10 @@ def optimize_contacts(
     tolerance: float = 1e-6,
     solver: SolverName = "auto",
 ) -> BetterContacts:
-    """Contact points moved on the surface, each by at most ``reach``, to a local minimum of the certified cost.
+    """Move contact points on the surface, each by at most ``reach``, to a local minimum of the certified cost.
 
-    Steepest descent with the gradients of :func:`force_sensitivity`, curvature of the surface included. Whether a hand
-    reaches the new contacts is not checked here (see ``contact_postures``).
+    The method is steepest descent with the gradients of :func:`force_sensitivity`, including the curvature of the
+    surface. It does not check whether a hand reaches the new contacts (see ``contact_postures``).
 
     Args:
         problem: contacts and limits.
@@ -62,12 +62,12 @@ def optimize_contacts(
         impact_time: t_I [s].
         objective: as for :func:`optimize_forces`.
         reach: largest distance of a contact from its start [m].
-        tolerance: the search ends where a step lowers the cost by less, relative to it [-].
+        tolerance: the search ends when a step lowers the cost by a smaller share [-].
         solver: as for :func:`optimize_forces`.
 
     Raises:
         InvalidInput: contacts that do not hold the load at the start, or a problem that :func:`force_sensitivity` does
-            not take.
+            not support.
     """
     instance_of("problem", problem, ForceProblem)
     instance_of("object", object, Body)

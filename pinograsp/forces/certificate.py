@@ -85,8 +85,8 @@ class Certificate:
             contact forces that would remove it) [N].
         load_size: ``residual_norm`` is compared with it: size of the load, or of the least F_n without one [N].
         force_size: ``violation`` is compared with it: ``load_size`` or the largest F_n, whichever is larger [N].
-        objective_size: the gap is compared with it: the objective, or where that vanishes 1 % of the cost of forces of
-            the load's size.
+        objective_size: the gap is compared with it: the objective, or 1 % of the cost of forces of the load's size if
+            the objective vanishes.
         at_friction: contacts at their friction limit (k,) bool.
         at_least: contacts at their least normal force (k,) bool.
         at_most: contacts at their largest normal force (k,) bool.
@@ -142,7 +142,7 @@ class Certificate:
         violation <= tolerance.violation * force_size, and objective - lower_bound <= tolerance.gap * objective_size.
 
         Raises:
-            InvalidInput: a number in place of a :class:`Tolerance`, which has one for each of the three.
+            InvalidInput: a number instead of a :class:`Tolerance`, which has one number for each of the three.
         """
         if not isinstance(tolerance, Tolerance):
             raise InvalidInput(
@@ -184,10 +184,10 @@ class Infeasibility:
         margin: least residual (and torque beyond its limits) that any admissible forces leave along ``direction`` [N];
             positive, computed in closed form.
         direction: wrench (6,) of the proof, unit in the balance rows [-]: moments over the moment length.
-        joint_weights: weights of the joint torques in the proof (n,) [1/m]; zero where torque limits play no part. With
-            r the residual in the balance rows (moments over the moment length) and tau the joint torques of *any*
-            admissible forces, direction . r + joint_weights . tau - |joint_weights| . limit >= margin, though balance
-            and limits ask for at most 0.
+        joint_weights: weights of the joint torques in the proof (n,) [1/m]; zero if torque limits play no part. With r
+            the residual in the balance rows (moments over the moment length) and tau the joint torques of *any*
+            admissible forces, direction . r + joint_weights . tau - |joint_weights| . limit >= margin, although balance
+            and limits require at most 0.
         closest_c: closest admissible forces (k, 3) [N].
         closest_torsion: their moments about the contact normals (k,) [N m].
         residual: net wrench of the closest forces and the load (6,) [N, N m].
@@ -217,7 +217,7 @@ class Infeasibility:
         return f"proven: {self.least_left()}{limits}"
 
     def least_left(self) -> str:
-        """What any admissible forces leave at least, in words, with its norm."""
+        """State in words the least residual that any admissible forces leave, with its norm."""
         over = " and of the torques above their limits" if self.at_torque else ""
         return (
             f"any admissible forces leave at least {self.margin:.4g} N of the net wrench{over} (norm of force and "

@@ -31,13 +31,13 @@ class GraspConditions(ForceSettings):
 
     Attributes:
         mu: friction coefficient of all contacts [-].
-        max_normal_force: cap on every F_n [N]; None: no cap. Fingers whose closing tables are known (their drives' data
-            sheets) are asked for less, so that they keep it in 95 % of their closings.
+        max_normal_force: cap on every F_n [N]; None: no cap. If a finger's closing table is known (its drive's data
+            sheet), the plan asks for less, so that the finger keeps the cap in 95 % of its closings.
         torque_limit: largest |torque| while the hand holds: ``"effort"`` (its own limits; joints without one are not
             limited), one number or (n,) [N m]; None: not limited.
-        reserve: what the forces of a plan are to withstand besides the weight; None: nothing.
-        table: whether the object stands on a table, a plane across gravity under its lowest point: the hand keeps above
-            it.
+        reserve: what the forces of a plan withstand besides the weight; None: nothing.
+        table: whether the object stands on a table, a plane perpendicular to gravity under its lowest point; the hand
+            stays above it.
     """
 
     mu: float
@@ -73,7 +73,7 @@ class GraspConditions(ForceSettings):
         given_limit(self.torque_limit)
 
     def problem(self, body: Body, contacts: ContactSet) -> ForceProblem:
-        """The problem of holding ``body`` at these contacts, without torque limits and without the reserve.
+        """Return the problem of holding ``body`` at these contacts, without torque limits and without the reserve.
 
         Raises:
             InvalidInput: times, ranges or limits that cannot be used.

@@ -21,9 +21,9 @@ class Diagnosis:
     """Why a grasp can or cannot hold a load at one impact time.
 
     Attributes:
-        status: ``OK`` where the load can be held, else ``INFEASIBLE`` (or ``INACCURATE``: too close to tell).
+        status: ``OK`` if the load can be held, else ``INFEASIBLE`` (or ``INACCURATE``: too close to decide).
         impact_time: t_I [s].
-        proof: that the load cannot be held; None where it can.
+        proof: that the load cannot be held; None if it can.
         load_factors: least and largest multiple of the load that can be held; None: none was found.
         smallest_mu: least sufficient friction coefficients (k,), those of the problem times a common factor; None: none
             were found.
@@ -44,10 +44,10 @@ class Diagnosis:
 
 
 def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
-    """Why a load cannot be held at one impact time [s], or how much more could be.
+    """Explain why a load cannot be held at one impact time [s], or how much more could be held.
 
-    States in which direction forces are missing and how many newtons, the largest load factor, the least friction
-    coefficient, and which contacts and limits bind.
+    The diagnosis states in which direction forces are missing and how many newtons, the largest load factor, the least
+    friction coefficient, and which contacts and limits bind.
     """
     impact_time = instance_of("problem", problem, ForceProblem).checked_impact_time(impact_time)
     program = feasibility(problem, *problem.normal_force_range(impact_time))

@@ -23,10 +23,11 @@ def optimize_forces(
     objective: Objective | None = None,
     solver: SolverName = "auto",
 ) -> ConvexSolution:
-    """The contact forces of least cost for an impact at t_I (method of Eqs. 12-16 with the forces as variables).
+    """Find the contact forces of least cost for an impact at t_I (method of Eqs. 12-16 with the forces as variables).
 
-    What does not depend on the load is prepared once and kept with the problem; ``problem.with_load(load)`` shares it.
-    Balance, friction model and safety factor, caps, torque limits and deceleration shape are those of the problem.
+    Everything that does not depend on the load is prepared once and kept with the problem; ``problem.with_load(load)``
+    shares it. Balance, friction model and safety factor, caps, torque limits and deceleration shape are those of the
+    problem.
 
     Args:
         problem: contacts, load, friction, limits.
@@ -36,21 +37,20 @@ def optimize_forces(
             ``"motor_heat"`` (sum of squared joint torques [N^2 m^2]; needs ``problem.torques``); or weights
             ``{name: weight}`` of a sum of them. Default: ``problem.measure``. All are convex and solved to optimality.
         solver: a name of :func:`~pinograsp.forces.available_solvers`: a compiled method, any solver that qpsolvers
-            finds, or one of your own (:func:`~pinograsp.forces.register_solver`). QP solvers take grasp energies and
-            friction cones as a sequence of QPs, Clarabel takes both as they are. ``"auto"``: with the core installed
-            one of its methods, either Newton on the dual (``"newton"``; grasp energies and, but for soft fingers, least
-            squares, with torque limits or without) or interior points (``"interior"``; peak and motor heat, too, but
-            not that of joints that several contacts load); else DAQP up to 20 contacts, Clarabel above.
-            Where a solver cannot take the problem, or its answer fails the certificate, DAQP and Clarabel follow; the
-            record says which one answered.
+            finds, or one of your own (:func:`~pinograsp.forces.register_solver`). QP solvers handle grasp energies and
+            friction cones as a sequence of QPs, Clarabel handles both directly. ``"auto"`` uses one of the core's
+            methods if the core is installed: either Newton on the dual (``"newton"``; grasp energies and, except for
+            soft fingers, least squares, with torque limits or without) or interior points (``"interior"``; also peak
+            and motor heat, but not the heat of joints that several contacts load). Otherwise it uses DAQP up to 20
+            contacts and Clarabel above. If a solver does not support the problem, or its answer fails the certificate,
+            DAQP and Clarabel follow; the record names the one that answered.
 
-    Returns:
-        A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``; or
-        ``INACCURATE`` where neither could be certified.
+    Returns: A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``;
+        or ``INACCURATE`` if neither could be certified.
 
     Raises:
         InvalidInput: an impact time not below t_F, an unknown objective or solver.
-        ExtraMissing: a compiled solver was asked for, and the core is not installed.
+        ExtraMissing: you asked for a compiled solver, and the core is not installed.
     """
     started = perf_counter()
     instance_of("problem", problem, ForceProblem)

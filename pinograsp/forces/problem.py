@@ -84,7 +84,7 @@ class ForceProblem(ForceSettings):
         min_normal_force: least F_n (k,) [N] besides the limits of the penetration; a number applies to all.
         max_normal_force: caps on F_n (k,) [N] besides the limits of the penetration; a number applies to all.
         torques: limits of the joint torques, or None.
-        object: the held shape (of :mod:`pinograsp.objects`), where it is known; the depth of links is measured from its
+        object: the held shape (of :mod:`pinograsp.objects`), if it is known; the depth of links is measured from its
             surface.
         scaled_columns: grasp map with moments divided by ``moment_length``: (rows, k, 3), columns per contact x, y, z
             [-].
@@ -181,7 +181,7 @@ class ForceProblem(ForceSettings):
         mu: ArrayLike,
         **settings: Unpack[ProblemOptions],
     ) -> ForceProblem:
-        """The problem of holding ``object`` against ``gravity_o`` (3,) [m/s^2]; ``settings``: other attributes.
+        """Return the problem of holding ``object`` against ``gravity_o`` (3,) [m/s^2]; ``settings``: other attributes.
 
         Raises:
             InvalidInput: a value that cannot be used.
@@ -200,13 +200,13 @@ class ForceProblem(ForceSettings):
         return cls(contacts=contacts, load=load, mu=mu, object=object, **settings)
 
     def with_load(self, load: ArrayLike) -> ForceProblem:
-        """The same problem under another load (6,) [N, N m]: for loops where nothing else changes."""
+        """Return the same problem under another load (6,) [N, N m]: for loops in which nothing else changes."""
         return record_of(ForceProblem, self.__dict__ | {"load": _load(load)})
 
     @property
     def preparations(self) -> dict[Hashable, Any]:
-        """What :func:`~pinograsp.forces.optimize_forces` has prepared that does not depend on the load; problems that
-        :meth:`with_load` gives share it.
+        """What :func:`~pinograsp.forces.optimize_forces` has prepared independently of the load; problems from
+        :meth:`with_load` share it.
         """
         preparations: dict[Hashable, Any] = self.__dict__["_preparations"]
         return preparations

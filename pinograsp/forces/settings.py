@@ -18,12 +18,12 @@ from pinograsp.spatial import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: problems copy all attributes at once
 class ForceSettings:
-    """Settings and limits that force problems and grasp conditions have alike.
+    """Settings and limits that force problems and grasp conditions share.
 
     Attributes:
-        friction: the friction model with its safety factor; None: cones, and soft fingers (5 mm of torsion) where no
-            more than two fingers touch, which would hold nothing against turning about their line otherwise. The grids
-            need the paper's pyramid, ``Friction()``.
+        friction: the friction model with its safety factor; None: cones, or soft fingers (5 mm of torsion) if no more
+            than two fingers touch, because these could not resist turning about their line otherwise. The grids need
+            the paper's pyramid, ``Friction()``.
         compliance: the contact law.
         balance: ``"wrench"`` (forces and moments, the default) or ``"force"`` (forces only, the paper's Eq. 15).
         measure: grasp energy that is minimised, ``"impulse"`` [N s] (Eq. 11) or ``"work"`` [J] (Eq. 9).

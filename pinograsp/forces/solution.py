@@ -25,8 +25,8 @@ class Branch:
     Attributes:
         start: first t_I [s].
         end: last t_I [s].
-        lower_bound: proven for every t_I in the interval, in the objective's unit; infinite where it is proven that no
-            t_I in it admits forces.
+        lower_bound: proven for every t_I in the interval, in the objective's unit; infinite if it is proven that no t_I
+            in it admits forces.
         best: objective of the best forces found when the interval was visited.
         fate: ``"split"``, ``"infeasible"``, ``"bounded"`` (no forces in it cost less than ``best`` minus the gap) or
             ``"unresolved"``.
@@ -50,7 +50,7 @@ class GridLog:
         cuts: number of half-spaces of cells that these QPs rejected.
         rejections: number of cells rejected by each constraint; they and the optimum add up to ``cells``.
         residual_bound: certified least norm of the residual of any multipliers at the normal forces found [N].
-        closest: the least residual seen where no forces were found (6,) [N, N m], else zeros.
+        closest: the least residual that was seen (6,) [N, N m] if no forces were found, else zeros.
     """
 
     points: int
@@ -124,7 +124,7 @@ class ForceSolution:
 
     @property
     def multipliers(self) -> Array:
-        """(k1, k2) (k, 2) of Eqs. (27, 28) [-]; zeros where there is no friction or no normal force."""
+        """(k1, k2) (k, 2) of Eqs. (27, 28) [-]; zeros without friction or without a normal force."""
         if not self.found:
             return read_only(np.zeros((0, 2)))
         half = (self.problem.pyramid * self.normal_forces)[:, None]
@@ -139,7 +139,7 @@ class ForceSolution:
 
     @property
     def residual(self) -> Array:
-        """Net wrench of forces and load (6,) [N, N m]; without forces the least that was seen."""
+        """Net wrench of forces and load (6,) [N, N m]; without forces, the least that was seen."""
         return frozen(self.problem.residual(self.forces_c, self.torsion)) if self.found else self._closest_residual()
 
     @property
@@ -202,7 +202,7 @@ class ConvexSolution(ForceSolution):
     Attributes:
         weights: the objective, ``{name: weight}``.
         certificate: proof of optimality, None without forces.
-        infeasibility: proof that there are no forces, None with them and where none was found.
+        infeasibility: proof that no forces exist; None with forces, or if no proof was found.
     """
 
     weights: dict[str, float] = field(default_factory=dict)

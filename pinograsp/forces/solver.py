@@ -31,7 +31,7 @@ class ForceSolver:
         impact_time: t_I [s].
         weights: the objective, ``{name: weight}``.
         solvers: names of the methods, in the order in which they are tried.
-        prepared: all but the load, in the core; None where it does not take these problems.
+        prepared: everything except the load, in the core; None if the core does not support these problems.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class ForceSolver:
 
         Raises:
             InvalidInput: an impact time not below t_F, an unknown objective or solver.
-            ExtraMissing: a compiled solver was asked for, and the core is not installed.
+            ExtraMissing: you asked for a compiled solver, and the core is not installed.
         """
         self.problem = instance_of("problem", problem, ForceProblem)
         self.impact_time = problem.checked_impact_time(impact_time)
@@ -71,9 +71,8 @@ class ForceSolver:
         Args:
             load: default: the problem's.
 
-        Returns:
-            A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``;
-            or ``INACCURATE`` where neither could be certified.
+        Returns: A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in
+            ``infeasibility``; or ``INACCURATE`` if neither could be certified.
 
         Raises:
             InvalidInput: a load that is not six finite numbers.

@@ -17,19 +17,19 @@ _ENDLESS = 1e300  # [N m] of a torque limit: more overflows when it is scaled
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Underactuation:
-    """What fewer drives than joints cannot choose: rows @ (bias + J^T f) = torques, f being the forces on the object.
+    """What fewer drives than joints cannot choose: rows @ (bias + J^T f) = torques, with the forces f on the object.
 
-    The planned forces keep to these equations, the forces under disturbances need not: friction in the joints, and
-    their motion, bear what is left of them.
+    The planned forces satisfy these equations; the forces under disturbances need not, because friction in the joints,
+    and their motion, carry the rest.
 
     Attributes:
-        rows: combinations (p, n) of the joint torques that no drive makes, of unit length.
-        torques: what springs make of them (p,) [N m].
-        why: per row, the drive that is in the way (p,).
-        stops: what joints at the end of their range, which rest on it, let become of each equation (p,): 1: the left
-            side may be larger, -1: smaller, 0: it holds. Default: all hold.
-        friction: share of the contacts' torques that friction in joints and tendons bears [-]: each side may be off by
-            so much of the sum over contacts of F_n times its largest arm on the row.
+        rows: combinations (p, n) of the joint torques that no drive produces, of unit length.
+        torques: the part of springs in them (p,) [N m].
+        why: the drive that causes each row (p,).
+        stops: how joints that rest at the end of their range relax each equation (p,): 1: the left side may be larger,
+            -1: smaller, 0: equal. Default: all equal.
+        friction: share of the contacts' torques that friction in joints and tendons carries [-]: each side may differ
+            by this share of the sum over contacts of F_n times its largest arm on the row.
     """
 
     rows: Array
@@ -62,7 +62,7 @@ class Underactuation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorqueLimits:
-    """Limits of the joint torques: |bias + J^T f| <= (1 - headroom) limit, f being the forces on the object.
+    """Limits of the joint torques: |bias + J^T f| <= (1 - headroom) limit, with the forces f on the object.
 
     Attributes:
         jacobian: of each contact point (k, 6, n), linear velocity first, world axes (``LOCAL_WORLD_ALIGNED``).

@@ -94,7 +94,7 @@ def _contacts(k: int) -> int:
 
 
 def grid_values(start: float, stop: float, step: float) -> Array:
-    """start, start + step, ... up to ``stop`` (included where it falls on the grid), rounded to 12 decimals."""
+    """Return start, start + step, ... up to ``stop`` (included if it lies on the grid), rounded to 12 decimals."""
     start, stop, step = number("grid start", start), number("grid stop", stop), number("grid step", step, above=0)
     if (stop - start) / step > _MOST_VALUES:
         raise InvalidInput(

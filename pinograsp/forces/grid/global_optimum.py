@@ -40,7 +40,7 @@ def optimize_grasp(
     gap: float = 1e-6,
     progress: bool | None = None,
 ) -> GlobalSolution:
-    """The globally least-cost forces over all impact times of ``problem.impact_time_range`` and all decelerations.
+    """Find the globally least-cost forces over all impact times of ``problem.impact_time_range`` and all decelerations.
 
     Args:
         problem: contacts, load, friction, limits; any deceleration shape.

@@ -28,9 +28,9 @@ _SAME = 1e-12  # share of the largest load by which loads that are the same may 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SqueezeScenario:
-    """Normal forces that come of a squeeze on other contacts, or from other drives, than assumed, to first order.
+    """Normal forces of a squeeze with contacts or drives other than assumed, to first order.
 
-    F = ``normal`` @ F_n + ``tangential`` @ t + ``offset``, of what was planned under the problem's own load.
+    F = ``normal`` @ F_n + ``tangential`` @ t + ``offset``, from the forces planned under the problem's own load.
 
     Attributes:
         normal: (k, k), by the planned normal forces [-].
@@ -66,7 +66,7 @@ class RobustForces:
             hold the set (for a ball: among affine reactions, by the solver's dual). None without a solution.
         infeasibility: proof that a single load of the set cannot be held, or None.
         weights: the objective, ``{name: weight}``.
-        tried: number of impact times that were tried; more than 1: a search took this one.
+        tried: number of impact times that were tried; more than 1: a search chose this one.
         elapsed: computing time [s].
     """
 
@@ -92,14 +92,15 @@ class RobustForces:
         return self.explain()
 
     def under(self, load: ArrayLike | None = None) -> ConvexSolution:
-        """The forces under one load of the set (6,) [N, N m]: the contacts' reaction to it with the common squeeze.
+        """Return the forces under one load of the set (6,) [N, N m]: the contacts' reaction to it with the common
+        squeeze.
 
         The reaction is a weighted mean of the reactions to the set's loads, plus the response to the rest. Default: the
-        problem's own load where it is in the set, else the mean of the set's loads. The certificate is that of the
+        problem's own load if it is in the set, else the mean of the set's loads. The certificate is that of the
         squeeze, under the worst of the loads.
 
         Raises:
-            InvalidInput: there are no normal forces, or the load is not in the set.
+            InvalidInput: no normal forces exist, or the load is not in the set.
         """
         started, problem = time.perf_counter(), self.problem
         if not len(self.normal_forces):

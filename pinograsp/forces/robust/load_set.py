@@ -43,10 +43,10 @@ class LoadSet:
         ball: float = 0.0,
         mass_range: tuple[float, float] = (1.0, 1.0),
     ) -> LoadSet:
-        """Loads around a nominal one (6,) [N, N m].
+        """Return loads around a nominal one (6,) [N, N m].
 
         Args:
-            load: the nominal load, a weight as a rule.
+            load: the nominal load, usually a weight.
             box: half-widths (6,) of a box of disturbances [N, N m].
             ball: radius of a ball of disturbances [N].
             mass_range: least and largest multiple of the nominal load, e.g. (0.9, 1.2).

@@ -39,15 +39,16 @@ class GraspMargins:
     """Margins of one set of contact forces.
 
     Attributes:
-        friction_used: share of its friction limit that each contact uses (k,) [-]; above 1 it slips. Infinite where
-            there is tangential force without friction. The safety factor plays *no* part: the limit is mu itself.
+        friction_used: share of its friction limit that each contact uses (k,) [-]; above 1 it slips. Infinite if there
+            is tangential force without friction. The safety factor plays *no* part: the limit is mu itself.
         least_mu: friction coefficient that each contact's force needs (k,) [-].
         slip_distance: least change of its force that makes a contact slip (k,) [N]; negative: it slips.
         load_factor: largest multiple of the load held with these normal forces, friction reacting within the torque
-            limits [-]; infinite without load; 0 where even the load itself is not held.
-        disturbance: largest wrench in *any* direction that may be added to the load, friction reacting [N, moments
-            over the moment length], bounded from both sides, with the weakest direction (as springs: from below, and
-            by the interior-point method's word). Torque limits are not part of this and of the next two values.
+            limits [-]; infinite without load; 0 if not even the load itself is held.
+        disturbance: largest wrench in *any* direction that may be added to the load, friction reacting [N, moments over
+            the moment length], bounded from both sides, with the weakest direction (with springs: bounded from below
+            only; the optimum is the interior-point method's). Torque limits are not part of this and of the next two
+            values.
         disturbance_force: the same for pure forces through the centre of mass [N].
         disturbance_moment: the same for pure moments [N m]; None in force balance.
     """
@@ -74,13 +75,13 @@ class GraspMargins:
 
 
 def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6, reaction: Reaction = "friction") -> GraspMargins:
-    """Margins of the forces of a solution, within its problem's friction model at full mu (safety factor 1) and full
-    torque limits.
+    """Compute the margins of the forces of a solution, within its problem's friction model at full mu (safety factor 1)
+    and full torque limits.
 
     Args:
         solution: forces that hold the load.
         tolerance: relative accuracy of ``disturbance`` [-].
-        reaction: to what is added to the load: ``"friction"`` alone, or ``"elastic"``, as for
+        reaction: of the contacts to additional loads: ``"friction"`` alone, or ``"elastic"``, as for
             :func:`~pinograsp.forces.optimize_robust`.
 
     Raises:
@@ -130,7 +131,7 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6, reaction:
 def load_factor(
     problem: ForceProblem, *, normal_forces: ArrayLike | None = None, impact_time: float | None = None
 ) -> float:
-    """Largest multiple of the load that can be held [-]: 1 is just the load, 0 where even that cannot be held.
+    """Find the largest multiple of the load that can be held [-]: 1 is just the load, 0 if not even that can be held.
 
     Args:
         problem: contacts, load, friction, limits.
@@ -152,12 +153,12 @@ def disturbance_margin(
     impact_time: float | None = None,
     reaction: Reaction = "friction",
 ) -> float:
-    """Largest s [-] for which the load plus s times ``direction`` can be held; -1 where even the load cannot.
+    """Find the largest s [-] for which the load plus s times ``direction`` can be held; -1 if not even the load can.
 
     Args:
         problem: contacts, load, friction, limits.
         direction: of the disturbance (6,) [N, N m].
-        normal_forces: F_n (k,) [N] under the load; the contacts react to what is added.
+        normal_forces: F_n (k,) [N] under the load; the contacts react to the addition.
         impact_time: t_I [s]; the forces are free within their limits there. Either this or ``normal_forces``.
         reaction: with ``normal_forces``: ``"friction"`` alone, or ``"elastic"``, as for
             :func:`~pinograsp.forces.optimize_robust`.
@@ -183,7 +184,7 @@ def disturbance_margins(
     impact_time: float | None = None,
     reaction: Reaction = "friction",
 ) -> Array:
-    """:func:`disturbance_margin` (m,) in each of some directions (m, 6); the load is looked at once."""
+    """Compute :func:`disturbance_margin` (m,) in several directions (m, 6); the load is checked once."""
     instance_of("problem", problem, ForceProblem)
     scaled = problem.scale_wrenches(array_of("directions", directions, (None, 6)))
     if not np.all(np.any(scaled, axis=1)):

@@ -50,17 +50,17 @@ def optimize_robust(
     objective: Objective | None = None,
     reaction: Reaction = "friction",
 ) -> RobustForces:
-    """The least-cost normal forces that hold every load of a set, the contacts reacting to each.
+    """Find the least-cost normal forces that hold every load of a set, with the contacts reacting to each.
 
     Args:
-        problem: contacts, friction, limits; its own load is used by the elastic reaction alone.
+        problem: contacts, friction, limits; only the elastic reaction uses its own load.
         load_set: see :class:`LoadSet`.
         impact_time: t_I [s].
         mu_range: least and largest friction coefficient, for all contacts; default: the problem's mu.
         objective: ``"impulse"``, ``"work"``, ``"peak"`` or weights of them, which depend on F_n alone; default: the
             problem's measure.
         reaction: ``"friction"``: the normal forces do not change; ``"elastic"``: they are those under the problem's own
-            load, and change as on equal springs. A ball of disturbances is met by friction alone either way.
+            load, and change as on equal springs. In both cases friction alone reacts to a ball of disturbances.
 
     Raises:
         InvalidInput: other objectives, crossed ranges, or a ball of disturbances with soft fingers.

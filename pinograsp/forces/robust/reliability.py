@@ -27,7 +27,7 @@ class Reliability:
     Attributes:
         held: which samples have forces (count,) bool.
         undecided: number of samples with neither forces nor a proof that there are none.
-        normal_forces: F_n of each sample (count, k) [N]; zeros where there are none.
+        normal_forces: F_n of each sample (count, k) [N]; zeros if there are none.
         mu: friction coefficients, as drawn (count, k) [-].
         loads: as drawn (count, 6) [N, N m].
         points_o: contact points, as drawn (count, k, 3) [m].
@@ -81,7 +81,7 @@ def holding_probability(
     count: int = 10_000,
     seed: int = 0,
 ) -> Reliability:
-    """Sample errors and count how often there are contact forces that hold.
+    """Sample errors and count how often contact forces hold the load.
 
     Args:
         problem: nominal contacts, load, friction and limits; the safety factor of friction is not used, as errors are

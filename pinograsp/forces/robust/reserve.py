@@ -23,27 +23,27 @@ LEAST_FORCE = 0.05  # [N] below, the friction of drives and joints decides, not 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reserve:
-    """What a squeeze withstands besides the weight that it is planned for. All shares may be 0.
+    """What a squeeze withstands besides the weight for which it is planned. All shares may be 0.
 
     Attributes:
         disturbance: force in any direction, as share of the weight [-]; and moment about any axis, this force times
-            ``moment_arm``. Either of the two, or a mixture of shares of both that add up to one.
+            ``moment_arm``. Either of the two, or a mixture whose shares add up to one.
         moment_arm: arm of the moments [m]; None: the object's largest radius of gyration about its centre of mass, the
-            arm at which its mass resists turning. 0: forces alone.
+            arm at which its mass resists turning. 0: only forces.
         mass: the object may be lighter or heavier by this share [-].
-        friction: share of every friction coefficient (and of torsion) that is not relied on [-].
+        friction: share of every friction coefficient (and of torsion) on which the plan does not rely [-].
         normal_force: least normal force of each contact, as share of the weight [-]; where it is not 0, at least
             :data:`LEAST_FORCE`.
         torque: share of each torque limit that is kept free [-].
-        softer: the contacts may be softer than assumed by this factor, and all of the above is borne there, too [-]; 1:
-            as assumed. What a squeeze becomes there depends on the stiffness of the hand's servos. ``"sheet"``: by what
-            the drives' ``contact_stiffness`` says (:meth:`of_hand`).
+        softer: the contacts may be softer than assumed by this factor, and the squeeze withstands all of the above
+            then, too [-]; 1: as assumed. How the squeeze changes depends on the stiffness of the hand's servos.
+            ``"sheet"``: the factor of the drives' ``contact_stiffness`` (:meth:`of_hand`).
         stiffer: or stiffer by this factor [-], or ``"sheet"``.
-        drive: share by which the drives' efforts may be off what they are told, all of them together or each alone, and
-            all of the above is borne there, too [-]; what a squeeze becomes depends on the servos there as well.
-            ``"sheet"``: each drive's own, the interval of its ``effort_step``, 0.3 where none is known
+        drive: share by which the drives' efforts may differ from the commands, all of them together or each alone; the
+            squeeze withstands all of the above then, too [-]. How the squeeze changes depends on the servos as well.
+            ``"sheet"``: each drive's own share, from the interval of its ``effort_step``, 0.3 if none is known
             (:func:`~pinograsp.hands.efforts.effort_shares`).
-        tasks: what is done with the object: loads that are borne, too, each without the disturbance.
+        tasks: what is done with the object: additional loads that the squeeze withstands, each without the disturbance.
     """
 
     disturbance: float = 0.5
@@ -79,7 +79,7 @@ class Reserve:
 
     @classmethod
     def none(cls) -> Reserve:
-        """No reserve: the weight alone, all of the friction and of the torques."""
+        """Return no reserve: the weight alone, with all of the friction and of the torques."""
         return cls(disturbance=0.0, moment_arm=0.0, mass=0.0, friction=0.0, normal_force=0.0, torque=0.0)
 
     @property
@@ -87,7 +87,7 @@ class Reserve:
         """Least and largest stiffness of the contacts over the assumed one [-].
 
         Raises:
-            InvalidInput: the sheet's, of which only :meth:`of_hand` has the numbers.
+            InvalidInput: ``"sheet"``, for which only :meth:`of_hand` has the numbers.
         """
         if self.softer == "sheet" or self.stiffer == "sheet":
             raise InvalidInput(
@@ -101,10 +101,10 @@ class Reserve:
         return tuple(factor for factor in self.stiffness_range if factor != 1)
 
     def of_hand(self, hand: HandModel) -> Reserve:
-        """With the numbers of a hand's data sheet for ``softer`` and ``stiffer``: the widest of its drives.
+        """Return the reserve with ``softer`` and ``stiffer`` from a hand's data sheet: the widest range of its drives.
 
         Raises:
-            InvalidInput: no drive whose ``contact_stiffness`` is known.
+            InvalidInput: ``contact_stiffness`` is known for no drive.
         """
         if "sheet" not in (self.softer, self.stiffer):
             return self
@@ -123,7 +123,7 @@ class Reserve:
 
     @property
     def has_scenarios(self) -> bool:
-        """Whether the squeeze is to withstand all of it on other contacts, or from other drives, as well."""
+        """Whether the squeeze has to withstand all of it with other contacts, or other drives, as well."""
         return bool(self.stiffness_factors) or self.drive != 0
 
     def arm(self, body: Body) -> float:
@@ -134,16 +134,16 @@ class Reserve:
         return float(np.sqrt(np.linalg.eigvalsh(body.inertia_b)[-1] / body.mass))
 
     def load_set(self, body: Body, gravity_o: ArrayLike = (0.0, 0.0, -9.81)) -> LoadSet:
-        """The loads that a body brings: weights of the least and the largest mass, each with every disturbance.
+        """Return the loads of a body: weights of the least and the largest mass, each with every disturbance.
 
         The disturbances are the convex hull of a ball of forces (radius ``disturbance`` times the weight) and a ball of
         moments (that times the arm). Both balls lie inside icosahedra with vertices :data:`CIRCUMSCRIBED` = 1.26 times
         as far out, one vertex along the weight and the others turned with the body, so that nothing depends on the
-        world's axes; forces change by a percent where the file has other axes. Loads that lie between others are left
+        world's axes; if the file has other axes, forces change by a percent. Loads that lie between others are left
         out.
 
         Args:
-            body: what is held.
+            body: the held object.
             gravity_o: gravity (3,) [m/s^2].
         """
         gravity = array_of("gravity", gravity_o, (3,))
@@ -169,7 +169,7 @@ class Reserve:
         return LoadSet(loads=np.concatenate([*loads, *done]))
 
     def kept_friction(self, friction: Friction) -> Friction:
-        """The friction that is relied on."""
+        """The friction on which the plan relies."""
         instance_of("friction", friction, Friction)
         return replace(friction, safety=friction.safety / (1.0 - self.friction)) if self.friction else friction
 
@@ -179,10 +179,10 @@ class Reserve:
         return max(LEAST_FORCE, self.normal_force * weight) if self.normal_force else 0.0
 
     def problem(self, problem: ForceProblem) -> ForceProblem:
-        """A problem with what the reserve keeps back: friction, torque limits, and a least normal force per contact.
+        """Return a problem with the reserve in friction, torque limits, and a least normal force per contact.
 
-        Friction is kept back by the friction model's safety factor, torques by ``TorqueLimits.reserve``, so that the
-        problem still has its own mu and limits, and margins are those of all of it.
+        The reserve enters by the friction model's safety factor and by ``TorqueLimits.headroom``, so that the problem
+        still has its own mu and limits, and margins refer to these.
         """
         body = held_body(instance_of("problem", problem, ForceProblem))
         friction, torques, floor = problem.friction, problem.torques, problem.min_normal_force

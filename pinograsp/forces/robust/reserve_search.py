@@ -77,14 +77,14 @@ def optimize_reserve(
     *,
     objective: Objective | None = None,
 ) -> RobustForces:
-    """The least-cost normal forces that hold a problem's object with a reserve, for an impact at one t_I.
+    """Find the least-cost normal forces that hold a problem's object with a reserve, for an impact at one t_I.
 
-    The loads are those of the weight, :meth:`Reserve.load_set`. The normal forces are those under the problem's
-    own load, the weight; they change with a load as contacts on equal springs would.
+    The loads are those of :meth:`Reserve.load_set`. The normal forces are those under the problem's own load, the
+    weight; they change with a load as if the contacts were equal springs.
 
     Args:
         problem: of holding an object (``ForceProblem.holding``), without the reserve.
-        reserve: what to withstand besides.
+        reserve: what to withstand besides the weight.
         impact_time: t_I [s].
         objective: as for :func:`~pinograsp.forces.optimize_robust`.
 
@@ -102,17 +102,17 @@ def search_reserve(
     objective: Objective | None = None,
     start: float | None = None,
 ) -> RobustForces:
-    """The least-cost squeeze that a search over the impact times finds: a certified program at each that it tries.
+    """Search the impact times for the least-cost squeeze, with a certified program at each of them.
 
-    Late impacts cost less, but leave less time to press; between the two the search narrows an interval around the best
-    impact time so far. Its squeeze is the proven optimum of its own impact time; that no other one is cheaper is not
-    proven.
+    Late impacts cost less but leave less time to press. The search narrows an interval around the best impact time so
+    far. Its squeeze is the proven optimum at its own impact time; it is not proven that no other impact time is
+    cheaper.
 
     Args:
         problem: of holding an object, without the reserve.
-        reserve: what to withstand besides.
+        reserve: what to withstand besides the weight.
         objective: as for :func:`~pinograsp.forces.optimize_robust`.
-        start: impact time of an earlier squeeze [s]: if it does and no torque limit is met, there is no search.
+        start: impact time of an earlier squeeze [s]; if it holds and no torque limit is reached, the search is skipped.
 
     Returns:
         The squeeze; ``INFEASIBLE``: no impact time admits any (proven), ``INACCURATE``: none was found.
@@ -154,9 +154,9 @@ def search_reserve(
 
 
 def least_squeeze(problem: ForceProblem, reserve: Reserve, *, rows: ArrayLike | None = None) -> Array | None:
-    """Normal forces (k,) [N] of a squeeze that withstands the reserve, within all that any impact time allows.
+    """Find normal forces (k,) [N] of a squeeze that withstands the reserve, within the limits of any impact time.
 
-    That of least largest force; None: there is none. One program, for searches.
+    The largest force is as small as possible; None: there is no such squeeze. One program, for searches.
 
     Args:
         problem: of holding an object, without the reserve.
@@ -183,19 +183,20 @@ def producible_reserve(
     objective: Objective | None = None,
     scenarios: Callable[[ConvexSolution], Sequence[SqueezeScenario]] | None = None,
 ) -> RobustForces:
-    """The least-cost squeeze with depths that the hand can press to, at or near the impact time of ``squeeze``.
+    """Find the least-cost squeeze with depths that the hand can produce, at or near the impact time of ``squeeze``.
 
-    ``rows`` times the depths are zero. As F_n = K delta^rho is not linear, these equations are linearised, at even
-    forces first and then at the forces found, until these keep to them. So is what the squeeze becomes in scenarios.
+    ``rows`` times the depths are zero. Because F_n = K delta^rho is not linear, these equations are linearised, first
+    at even forces and then at the forces found, until the forces satisfy them. The change of the squeeze in scenarios
+    is linearised in the same way.
 
     Args:
         problem: of holding an object, without the reserve.
         reserve: what to withstand besides the weight.
-        squeeze: :func:`search_reserve`'s, with any depths.
+        squeeze: from :func:`search_reserve`, with any depths.
         rows: combinations (p, k) of the depths that the hand cannot change [-].
         objective: as for :func:`~pinograsp.forces.optimize_robust`.
-        scenarios: what the forces under the problem's load become on contacts of another stiffness, or from drives
-            that make other efforts, to first order about them; None: all is as assumed.
+        scenarios: how the forces under the problem's load change with contacts of another stiffness, or with drives of
+            other efforts, to first order; None: everything is as assumed.
 
     Returns:
         The squeeze; ``INACCURATE``: none was found.
@@ -243,12 +244,12 @@ def reserve_along(
     *,
     objective: Objective | None = None,
 ) -> RobustForces:
-    """The least-cost squeeze among those whose normal forces are ``start`` plus a multiple of ``direction``.
+    """Find the least-cost squeeze among those whose normal forces are ``start`` plus a multiple of ``direction``.
 
     Args:
         problem: of holding an object, without the reserve.
         reserve: what to withstand besides the weight.
-        squeeze: :func:`search_reserve`'s, at whose impact time or near it this one is.
+        squeeze: from :func:`search_reserve`; the new squeeze is at or near its impact time.
         start: normal forces (k,) [N].
         direction: of their change (k,), not all 0.
         objective: as for :func:`~pinograsp.forces.optimize_robust`.

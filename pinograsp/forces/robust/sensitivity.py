@@ -61,18 +61,18 @@ class Sensitivity:
     by n x dn.
 
     Attributes:
-        unique: whether the cost determines the forces, and the active limits are certain. Where the forces are not
+        unique: whether the cost determines the forces, and the active limits are certain. If the forces are not
             determined (energies do not depend on tangential forces), only ``cost_load`` is meaningful: add a small
-            weight of ``least_squares`` to the objective for the others. Where a limit is about to become active the
-            derivatives have a jump, and ``cost_load`` is between those to either side: the cost is convex in the load,
-            and ``cost_load`` a subgradient.
+            weight of ``least_squares`` to the objective for the others. If a limit is about to become active, the
+            derivatives have a jump, and ``cost_load`` lies between those on either side: the cost is convex in the
+            load, and ``cost_load`` a subgradient.
         forces_load: contact forces by the load (k, 3, 6).
-        forces_mu: contact forces by the friction coefficients (k, 3, k) [N]; zeros where mu is 0.
+        forces_mu: contact forces by the friction coefficients (k, 3, k) [N]; zeros if mu is 0.
         forces_points: contact forces by the contact points (k, 3, k, 3) [N/m].
         forces_turns: contact forces by rotations of the contact frames (k, 3, k, 3) [N/rad]; forces are given in the
             frames, which turn.
         cost_load: the objective by the load (6,).
-        cost_mu: the objective by the friction coefficients (k,); zeros where mu is 0.
+        cost_mu: the objective by the friction coefficients (k,); zeros if mu is 0.
         cost_points: the objective by the contact points (k, 3).
         cost_turns: the objective by rotations of the contact frames (k, 3).
         multipliers: of the balance (6,): the cost of one more newton or newton metre of load; zeros for moments in
@@ -94,7 +94,7 @@ class Sensitivity:
 
 
 def force_sensitivity(solution: ConvexSolution) -> Sensitivity:
-    """Derivatives of an answer of :func:`optimize_forces`, at constant moment length.
+    """Compute the derivatives of an answer of :func:`optimize_forces`, at constant moment length.
 
     Raises:
         InvalidInput: no certified optimum; torque limits, pyramids of more than 4 edges, or the objective ``peak``.

@@ -32,11 +32,11 @@ class Task:
     :meth:`screw`, :meth:`pour`, :meth:`insert`, :meth:`pull`, :meth:`shake` and :meth:`of_loads` make them.
 
     Attributes:
-        name: of these.
-        size: torque [N m], tilt [rad], force [N] or acceleration [m/s^2]; 0 of ``"loads"``.
-        direction: axis or direction in the object's own frame, a unit vector; of any direction: zeros.
-        at: where a force acts, in the object's own frame [m]; None: at the centre of mass.
-        wrenches: of ``"loads"``: wrenches about the centre of mass, linear first, world axes [N, N m].
+        name: the method that made it.
+        size: torque [N m], tilt [rad], force [N] or acceleration [m/s^2]; 0 for ``"loads"``.
+        direction: axis or direction in the object's own frame, a unit vector; zeros: any direction.
+        at: point at which a force acts, in the object's own frame [m]; None: the centre of mass.
+        wrenches: for ``"loads"``: wrenches about the centre of mass, linear first, world axes [N, N m].
     """
 
     name: TaskName
@@ -69,46 +69,47 @@ class Task:
 
     @classmethod
     def screw(cls, *, torque: float, axis: ArrayLike = _Z) -> Task:
-        """Turning the object with a torque [N m] about an axis (3,) of its own frame, either way."""
+        """Turn the object with a torque [N m] about an axis (3,) of its own frame, in either direction."""
         return cls(name="screw", size=torque, direction=_vector("axis", axis))
 
     @classmethod
     def pour(cls, *, tilt: float) -> Task:
-        """Tilting hand and object by up to an angle [rad], to any side."""
+        """Tilt hand and object by up to an angle [rad], in any direction."""
         return cls(name="pour", size=tilt)
 
     @classmethod
     def insert(cls, *, force: float, direction: ArrayLike = (0.0, 0.0, -1.0), at: ArrayLike | None = None) -> Task:
-        """Pressing the object with a force [N] along a direction (3,) of its own frame against something, which presses
-        back at the point ``at`` (3,) of its frame [m]; None: in line with the centre of mass.
+        """Press the object with a force [N] along a direction (3,) of its own frame against something that presses back
+        at the point ``at`` (3,) of its frame [m]; None: in line with the centre of mass.
         """
         place = None if at is None else _vector("at", at)
         return cls(name="insert", size=force, direction=_vector("direction", direction), at=place)
 
     @classmethod
     def pull(cls, *, force: float, direction: ArrayLike = _Z, at: ArrayLike | None = None) -> Task:
-        """Something pulls at the object with a force [N] along a direction (3,) of its own frame, at the point ``at``
-        (3,) of its frame [m]; None: in line with the centre of mass.
+        """Pull at the object with a force [N] along a direction (3,) of its own frame, at the point ``at`` (3,) of its
+        frame [m]; None: in line with the centre of mass.
         """
         place = None if at is None else _vector("at", at)
         return cls(name="pull", size=force, direction=_vector("direction", direction), at=place)
 
     @classmethod
     def shake(cls, *, acceleration: float) -> Task:
-        """Accelerating hand and object by up to so much [m/s^2] in any direction."""
+        """Accelerate hand and object by up to this value [m/s^2] in any direction."""
         return cls(name="shake", size=acceleration)
 
     @classmethod
     def of_loads(cls, loads: LoadSet) -> Task:
-        """Any loads besides the weight."""
+        """Return a task of any loads besides the weight."""
         if instance_of("loads", loads, LoadSet).ball:
             raise InvalidInput("task loads: expected a set without a ball of disturbances: the reserve has one")
         return cls(name="loads", wrenches=tuple(map(tuple, loads.loads.tolist())))
 
     def find_loads(self, body: Body, mass: float, gravity_o: Array) -> Array:
-        """The loads (t, 6) on a body of another mass [kg], weight included, about its centre of mass, world axes.
+        """Return the loads (t, 6) on a body of another mass [kg], weight included, about its centre of mass, world
+        axes.
 
-        Their hull contains all tilts and accelerations. [N, N m]
+        Their hull contains all tilts and accelerations [N, N m].
         """
         weight_o = mass * gravity_o
         loads: Array
@@ -120,7 +121,7 @@ class Task:
         return loads
 
     def describe(self) -> str:
-        """In words, with its numbers."""
+        """Describe it in words, with its numbers."""
         if self.name == "loads":
             return f"{len(self.wrenches)} given loads"
         size = np.degrees(self.size) if self.name == "pour" else self.size

@@ -28,7 +28,7 @@ class ForceClosure:
         rank: of the grasp map's usable columns.
         margin: largest t such that forces with normal forces of sum 1 balance while every contact keeps a share t of
             its even part (1 / k) clear of its friction limit [-]; positive with full rank: force closure.
-        separating: wrench (6,) that no contact force opposes, checked; zero where closed.
+        separating: wrench (6,) that no contact force opposes, checked; zero if closed.
     """
 
     closed: bool
@@ -42,7 +42,7 @@ class ForceClosure:
 def force_closure(
     contacts: ContactSet, mu: ArrayLike, *, friction: Friction | None = None, balance: Balance = "wrench"
 ) -> ForceClosure:
-    """Test of force closure: whether the contacts' friction cones can balance every wrench (Nguyen 1988).
+    """Test force closure: whether the contacts' friction cones can balance every wrench (Nguyen 1988).
 
     Args:
         contacts: k contacts.
@@ -71,8 +71,8 @@ def min_weight(contacts: ContactSet, mu: ArrayLike, *, edges: int = 8, balance: 
     """Min-weight metric [-]: the largest l such that weights >= l, of sum 1, on the edges of all friction pyramids
     balance.
 
-    Normalised by the number of edges, so it lies in [0, 1]; it is positive exactly for grasps where positive weights on
-    all edges balance (Li et al., FRoGGeR, 2023). A linear program.
+    It is normalised by the number of edges, so it lies in [0, 1]; it is positive exactly if positive weights on all
+    edges balance (Li et al., FRoGGeR, 2023). A linear program.
     """
     problem = ForceProblem(contacts=contacts, load=np.zeros(6), mu=mu, friction=Friction(edges=edges), balance=balance)
     A = balance_columns(problem, problem.friction.scale(problem.mu)).reshape(problem.rows, problem.k, 3)

@@ -219,7 +219,7 @@ def _spread(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BatchSolution:
-    """Answers to a :class:`ForceBatch`; zeros where a problem has none.
+    """Answers to a :class:`ForceBatch`; zeros if a problem has none.
 
     Attributes:
         status: of each problem (N,), a :class:`~pinograsp.errors.Status`: ``OK``, ``INFEASIBLE`` (proven) or
@@ -278,10 +278,10 @@ class BatchSolution:
 def solve_batch(
     batch: ForceBatch, *, objective: Objective = "least_squares", threads: int | None = None
 ) -> BatchSolution:
-    """The least-cost forces of every problem, by the dual Newton method on all cores; see :func:`optimize_forces`.
+    """Find the least-cost forces of every problem, by the dual Newton method on all cores; see :func:`optimize_forces`.
 
-    Problems that this method does not take (pyramids of more than 4 edges, ``peak``, least squares of soft fingers) or
-    does not finish go to the general methods, one by one.
+    Problems that this method does not support (pyramids of more than 4 edges, ``peak``, least squares of soft fingers)
+    or does not finish go to the general methods, one by one.
 
     Args:
         batch: the problems.

@@ -22,11 +22,11 @@ from pinograsp.spatial import Array
 
 
 def to_qp(problem: ForceProblem, impact_time: float, *, objective: Objective | None = None) -> ForceQP:
-    """The force program at t_I [s] as a quadratic program: pyramids; see :class:`ForceQP`.
+    """Return the force program at t_I [s] as a quadratic program (for pyramids); see :class:`ForceQP`.
 
-    Caps, torque limits, underactuation and every objective of ``optimize_forces`` but a grasp energy are in it.
-    Grasp energies are sums of powers of F_n (Eqs. 9 and 11), which only with a contact law of exponent 1 are
-    quadratic. P is singular where the objective is not "least_squares": some solvers want it definite.
+    It includes caps, torque limits, underactuation and every objective of ``optimize_forces`` except grasp energies.
+    Grasp energies are sums of powers of F_n (Eqs. 9 and 11), which are quadratic only for a contact law of exponent 1.
+    P is singular unless the objective is "least_squares"; some solvers need it definite.
 
     Args:
         problem: contacts, load, friction, limits.
@@ -35,7 +35,7 @@ def to_qp(problem: ForceProblem, impact_time: float, *, objective: Objective | N
 
     Raises:
         InvalidInput: cones and soft fingers, an objective that is not quadratic, or an argument that
-            ``optimize_forces`` refuses, too.
+            ``optimize_forces`` rejects, too.
     """
     program, about = _program_of(problem, impact_time, objective)
     qp, torque_rows = DenseMethod(program.matrices, "").quadratic(program)
@@ -44,10 +44,10 @@ def to_qp(problem: ForceProblem, impact_time: float, *, objective: Objective | N
 
 
 def to_socp(problem: ForceProblem, impact_time: float, *, objective: Objective | None = None) -> ForceSOCP:
-    """The force program at t_I [s] over cones: all friction models, all objectives; see :class:`ForceSOCP`.
+    """Return the force program at t_I [s] over cones, for all friction models and objectives; see :class:`ForceSOCP`.
 
-    Friction cones are second-order cones, grasp energies (Eqs. 9 and 11) come as power cones. Arguments and errors are
-    those of :func:`to_qp`, which refuses more.
+    Friction cones become second-order cones, grasp energies (Eqs. 9 and 11) become power cones. Arguments and errors
+    are those of :func:`to_qp`, which rejects more.
     """
     program, about = _program_of(problem, impact_time, objective)
     method = ConicMethod(program.matrices, exponents_of(program))

@@ -56,8 +56,8 @@ class MultiplierSolution:
 def refine_multipliers(
     problem: ForceProblem, normal_forces: ArrayLike, *, solver: QPSolverName = "daqp"
 ) -> MultiplierSolution:
-    """Multipliers (k1, k2) that leave the smallest residual at fixed ``normal_forces`` (k,) [N]; of several, those of
-    least norm.
+    """Find the multipliers (k1, k2) that leave the smallest residual at fixed ``normal_forces`` (k,) [N]; of several,
+    those of least norm.
 
     Raises:
         InvalidInput: negative or non-finite normal forces, or an unknown solver.

@@ -40,7 +40,9 @@ _DENSE_UP_TO = 20
 
 
 def available_solvers() -> tuple[str, ...]:
-    """Names that ``solver=`` takes here: the compiled methods, every solver that qpsolvers finds, registered ones."""
+    """Return the names that ``solver=`` accepts here: the compiled methods, every solver that qpsolvers finds,
+    registered ones.
+    """
     return ("auto", *COMPILED, *dict.fromkeys((*qp_solvers(), *list_registered())))
 
 
@@ -50,15 +52,15 @@ def check_solver(name: str) -> str:
 
 
 def register_solver(name: str, function: Callable[[Any], Any], *, takes: Takes = "qp") -> None:
-    """Let a solver of your own be called by its name: ``optimize_forces(problem, t, solver=name)``.
+    """Register a solver of your own, to be called by its name: ``optimize_forces(problem, t, solver=name)``.
 
-    Whatever it returns is judged by this package's own certificate; where that fails, DAQP and Clarabel follow as with
-    every solver. Names are kept in this process: workers of a sweep have to register their own.
+    This package's own certificate judges whatever it returns; if that fails, DAQP and Clarabel follow as with every
+    solver. Names are known in this process only: workers of a sweep have to register their own.
 
     Args:
         name: free so far (:func:`available_solvers`).
         function: takes a program and returns x (n,), or a :class:`SolverAnswer` with multipliers (solutions of
-            qpsolvers and Clarabel do as well), or None where it finds none. Without multipliers the lower bound is
+            qpsolvers and Clarabel are accepted, too), or None if it finds none. Without multipliers the lower bound is
             proven with those of one more solve of this package's own. Its exceptions are passed on.
         takes: ``"qp"``: the function gets a :class:`QuadraticProgram`, several for grasp energies and cones (Newton
             steps, each positive definite; cones need multipliers); ``"socp"``: one :class:`ConicProgram`, with power

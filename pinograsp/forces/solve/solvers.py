@@ -52,7 +52,7 @@ _NO_INFINITY = ("ecos",)  # bounds that are infinite must not be handed to them
 
 
 def qp_solvers() -> tuple[str, ...]:
-    """Names of all QP solvers that are there: those that qpsolvers finds, and registered ones that take QPs."""
+    """Return the names of all available QP solvers: those that qpsolvers finds, and registered ones for QPs."""
     import qpsolvers  # slow to import, and brings every solver that is there
 
     return (*qpsolvers.available_solvers, *list_registered("qp"))

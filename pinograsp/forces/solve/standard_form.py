@@ -28,7 +28,7 @@ class Column(NamedTuple):
     """What one unknown of a program means.
 
     Attributes:
-        contact: the contact's finger, or ``"contact i"`` where it has none; ``""`` for the largest F_n of all.
+        contact: the contact's finger, or ``"contact i"`` if it has none; ``""`` for the largest F_n of all.
         component: ``"f_x"``, ``"f_y"`` (tangential, contact axes), ``"m_n"`` (torsional moment), ``"f_n"`` (normal),
             ``"max f_n"``, or ``"f_n^p"``, which stands for that power of the contact's F_n.
         unit: ``"N"``, ``"N m"``, or the power of newtons.
@@ -57,13 +57,13 @@ class Cones(NamedTuple):
     power: tuple[float, ...]
 
     def clarabel(self) -> list[Any]:
-        """As Clarabel takes them."""
+        """The cones in Clarabel's form."""
         cones = [clarabel.ZeroConeT(self.zero), clarabel.NonnegativeConeT(self.nonnegative)]
         cones += [clarabel.SecondOrderConeT(size) for size in self.second_order]
         return cones + [clarabel.PowerConeT(exponent) for exponent in self.power]
 
     def scs(self) -> dict[str, Any]:
-        """As SCS takes them."""
+        """The cones in the form of SCS."""
         return {"z": self.zero, "l": self.nonnegative, "q": list(self.second_order), "p": list(self.power)}
 
 
@@ -74,12 +74,12 @@ class QuadraticProgram:
     Attributes:
         P: symmetric, positive semidefinite (n, n).
         q: (n,).
-        G: inequalities (m, n); there may be none, m = 0.
+        G: inequalities (m, n); m may be 0.
         h: their right-hand side (m,).
-        A: equations (p, n); there may be none.
+        A: equations (p, n); p may be 0.
         b: their right-hand side (p,).
-        lb: least values (n,), minus infinity where there is none.
-        ub: largest values (n,), infinity where there is none.
+        lb: least values (n,), minus infinity without one.
+        ub: largest values (n,), infinity without one.
     """
 
     P: Array
@@ -95,7 +95,7 @@ class QuadraticProgram:
 
     @property
     def matrices(self) -> tuple[Any, ...]:
-        """P, q, G, h, A, b, lb, ub for ``qpsolvers.Problem(*qp.matrices)``: copies, and None for rows that are none."""
+        """P, q, G, h, A, b, lb, ub for ``qpsolvers.Problem(*qp.matrices)``: copies, and None if there are no rows."""
         rows = [(rows, right) if len(rows) else (None, None) for rows, right in ((self.G, self.h), (self.A, self.b))]
         return tuple(
             None if one is None else np.array(one) for one in (self.P, self.q, *rows[0], *rows[1], self.lb, self.ub)
@@ -124,7 +124,7 @@ class ConicProgram:
 
 
 class SolverAnswer(NamedTuple):
-    """What a solver may return: x and, where it has them, multipliers, with the signs of qpsolvers' ``Solution``.
+    """What a solver may return: x and, if available, multipliers, with the signs of qpsolvers' ``Solution``.
 
     Of a quadratic program P x + q + A'y + G'z + z_box = 0, z >= 0, z_box negative at a lower bound; of a conic one
     P x + q + A'z = 0, z in the dual cone.
@@ -189,11 +189,11 @@ class ScaledForces:
 class ForceQP(QuadraticProgram, ScaledForces):
     """A force problem at one impact time as a quadratic program, see :class:`QuadraticProgram`, :class:`ScaledForces`.
 
-    Columns: x of each contact, then the largest F_n where it counts. Rows of G: the friction polygon's edges (and the
+    Columns: x of each contact, then the largest F_n if it counts. Rows of G: the friction polygon's edges (and the
     plain limit of torsion) by contact, F_n below the largest, torques below their upper and above their lower limits.
 
     Attributes:
-        torque_rows: rows of G of each torque's upper and lower limit (t, 2); -1 where there is none.
+        torque_rows: rows of G of each torque's upper and lower limit (t, 2); -1 without a limit.
     """
 
     torque_rows: IntArray = field(repr=False)
@@ -206,16 +206,15 @@ class ForceQP(QuadraticProgram, ScaledForces):
         """The :class:`~pinograsp.forces.ConvexSolution` of x (n,) with this package's own certificate.
 
         Args:
-            x: anyone's answer; it need not be admissible.
-            y: multipliers of A x = b, as in :class:`SolverAnswer`; the lower bound is proven with them. Without y and
-                z one solve of this package's own finds multipliers.
+            x: any answer; it need not be admissible.
+            y: multipliers of A x = b, as in :class:`SolverAnswer`; the lower bound is proven with them. Without y and z
+                one additional solve of this package finds multipliers.
             z: multipliers of G x <= h.
             settle: remove the balance's residual by the least correction first, as ``optimize_forces`` does; False: x
                 is judged as it is.
 
-        Returns:
-            Status ``OK`` if the certificate accepts x, else ``INACCURATE``; ``certificate.is_optimal(tolerance)`` tells
-            for other tolerances.
+        Returns: Status ``OK`` if the certificate accepts x, else ``INACCURATE``; ``certificate.is_optimal(tolerance)``
+            answers for other tolerances.
 
         Raises:
             InvalidInput: arrays of another shape or not finite.
@@ -234,7 +233,7 @@ class ForceQP(QuadraticProgram, ScaledForces):
 class ForceSOCP(ConicProgram, ScaledForces):
     """A force problem at one impact time as a program over cones, see :class:`ConicProgram`, :class:`ScaledForces`.
 
-    Columns: x of each contact, the largest F_n where it counts, then for each power of the objective one per contact.
+    Columns: x of each contact, the largest F_n if it counts, then for each power of the objective one per contact.
     Rows: balance; -F_n, F_n, friction's edges, torques below their upper and above their lower limits, F_n below the
     largest; friction cones (F_n, tangential) by contact; power cones (power, 1, F_n) by contact.
 
