@@ -296,7 +296,7 @@ def _hardly_pressing(solution: ForceSolution) -> Iterator[str]:
 
 
 def record_failure(error: SearchFailed, hand: str, settings: Mapping[str, Any]) -> PlanFailure:
-    """The record of a search that found no forces, for a hand of that name."""
+    """Return the record of a search that found no forces, for a hand of that name."""
     solution, proof = instance_of("error", error, SearchFailed).solution, None
     text_of("hand", hand)
     settings = mapping_of("settings", settings)

@@ -52,30 +52,29 @@ def plan_best(
 ) -> GraspPlan:
     """Plan the grasps of a search, best first, until one comes out ``OK``.
 
-    Those whose contacts slide far while they press, lie on edges or press past them, those in which other links press
-    on the object, too, those whose forces come out other than planned, and those in which the hand's own servos and the
-    contacts let the object go, or give way far to the push of the reserve (:meth:`GraspPlan.object_stiffness`), come
-    after the others; of firm ones, those that keep more of what is 5 mm and 5 deg off its place come first, and, in
-    hands of position servos of known stiffness, those in which the push turns the object less, and those that let it
-    drop by no more than 5 mm where nothing but the hand holds it from the touch on.
+    Some plans come last: contacts slide far while they press, lie on edges or press past them; other links press on the
+    object, too; the forces differ from the planned ones; or the hand's own servos and the contacts let the object go,
+    or give way far to the push of the reserve (:meth:`GraspPlan.object_stiffness`). Of the firm plans, those come first
+    that keep more objects displaced by 5 mm and 5 deg; in hands of position servos of known stiffness, those in which
+    the push turns the object less; and those that let the object drop by no more than 5 mm if only the hand holds it
+    from the touch on.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
-        conditions: friction, limits, what is to be balanced, and the reserve.
+        conditions: friction, limits, balance and the reserve.
         options: how to search, as for :func:`~pinograsp.planner.plan_grasp_on`.
         progress: bar on stderr: None (on a terminal), True or False.
-        check: simulate such plans, too, at rest and then shaken with half of what their reserve withstands; some
-            seconds each, more for meshes that are not convex. What is lost comes
-            last, with a caution; what was held has a note.
+        check: also simulate the plans, at rest and then shaken with half of what their reserve withstands; this takes
+            some seconds each, more for meshes that are not convex. Lost plans come last, with a caution; held ones have
+            a note.
 
-    Returns:
-        The first plan that is ``OK``, and held where it is checked; where none is, that of the best grasp that could be
-        planned, with its status.
-        One of those that come last only if the first few all are so: that of which least is to be said.
+    Returns: The first plan that is ``OK``, and held if it is checked; if there is none, the plan of the best grasp that
+        could be planned, with its status. A plan of those that come last is returned only if the first few are all of
+        that kind: the one with the fewest faults.
 
     Raises:
         GraspNotFound: the search found no grasp.
-        NoGrasp: none could be planned; the failure of the best grasp.
+        NoGrasp: no grasp could be planned; this is the failure of the best one.
     """
     instance_of("search", found, GraspSearch)
     flag("check", check)

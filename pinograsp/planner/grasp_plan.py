@@ -52,15 +52,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GraspPlan(PlanRecord):
-    """A grasp: contact forces, and the joint motion and torques that bring them about.
+    """A grasp: contact forces, and the joint motion and torques that produce them.
 
-    All of :class:`~pinograsp.plan.PlanRecord`, and what it was made of; the same whether it was just made or read back.
+    It has everything of :class:`~pinograsp.plan.PlanRecord` and the inputs; a plan read back is the same as a new one.
 
     Attributes:
         hand: the hand, as it was placed.
-        solution: the force search's own record, with its problem, for more computing.
-        closure: how the contacts were found; None where they were given.
-        conditions: under which the object is held; None where a problem was given.
+        solution: the force search's own record, with its problem, for further computation.
+        closure: how the contacts were found; None if they were given.
+        conditions: under which the object is held; None if a problem was given.
     """
 
     hand: HandModel
@@ -80,7 +80,9 @@ class GraspPlan(PlanRecord):
         return "friction" if self.reserve is None else "elastic"
 
     def with_margins(self) -> GraspPlan:
-        """The same plan with what the grasp withstands besides its load, and cautions of that; a tenth of a second."""
+        """Return the same plan with its margins, what the grasp withstands besides its load, and their cautions; takes
+        0.1 s.
+        """
         if self.margins is not None:
             return self
         band = describe_band(self.hand, self.solution, self.motion.q[-1])
@@ -88,14 +90,16 @@ class GraspPlan(PlanRecord):
         return replace(self, margins=margins, cautions=(*self.cautions, *margin_cautions(margins, self.weight)))
 
     def with_reach(self) -> GraspPlan:
-        """The same plan with the forces that may come on top of the load, by direction; a second or two."""
+        """Return the same plan with the forces that it withstands besides the load, by direction; takes a second or
+        two.
+        """
         return self if self.reach is not None else replace(self, reach=find_reach(self.solution, self._reaction()))
 
     def with_tolerance(self, error: PoseError | None = None) -> GraspPlan:
-        """The same plan with how far its object may be from where it is planned, and a caution where that is less than
-        3 mm, or where the object drops before the squeeze has it: see :func:`~pinograsp.planner.find_tolerance`. Of a
-        plan that is not ``OK``, or of given contacts, or without the compiled core, or of geometry that it does not
-        know, the plan as it is.
+        """Return the same plan with its tolerance to a misplaced object, and a caution if that is less than 3 mm, or if
+        the object drops before the squeeze holds it: see :func:`~pinograsp.planner.find_tolerance`. The plan does not
+        change if it is not ``OK``, if the contacts were given, without the compiled core, or if the core does not know
+        the geometry.
         """
         instance_of("error", error, PoseError, type(None))
         known = self.tolerance is not None and error is None
@@ -107,20 +111,22 @@ class GraspPlan(PlanRecord):
         return replace(self, tolerance=found, cautions=(*others, *small, *filter(None, [tell_drop(self)])))
 
     def force_band(self, stiffness: ArrayLike | None = None, factors: ArrayLike = FACTORS) -> ForceBand:
-        """The forces that come where the contacts are ``factors`` times as stiff as planned (s,), 1/5 to 20 times.
+        """Compute the forces if the contacts are ``factors`` times as stiff as planned (s,), 1/5 to 20 times.
 
-        Servos of ``stiffness``, one number or (n,) [N m/rad or N/m], hold the references that give the planned forces
-        on contacts as planned; 0 is torque control. By default those that the hand closes with: jaws press with their
-        effort, fingers as softly as forgives a misplaced object, others as their drives do (50 N m/rad, 55.6 kN/m
-        at sliding joints, where that is not known). See :func:`pinograsp.actuation.force_band`.
+        Servos of ``stiffness``, one number or (n,) [N m/rad or N/m], hold the references that produce the planned
+        forces if the contacts are as planned; 0 is torque control. The default is the servos with which the hand
+        closes: jaws press with their effort, fingers softly enough to tolerate a misplaced object, others with their
+        drives' stiffness (50 N m/rad, 55.6 kN/m at sliding joints, if it is not known). See
+        :func:`pinograsp.actuation.force_band`.
 
         Raises:
-            InvalidInput: unusable numbers.
+            InvalidInput: the numbers cannot be used.
         """
         return find_band(self.hand, self.solution, self.motion.q[-1], stiffness, factors)
 
     def gains_within(self, tolerance: float = 0.2, factors: ArrayLike = FACTORS) -> GainLimit:
-        """The stiffest servos with which no normal force is off by more than ``tolerance`` (a share) on such contacts.
+        """Find the stiffest servos with which no normal force differs by more than ``tolerance`` (a share) on such
+        contacts.
 
         See :func:`pinograsp.actuation.gains_within`; servos at sliding joints stay 1 / (30 mm)^2 times as stiff as
         those of turning ones. Raises as :meth:`force_band`.
@@ -128,14 +134,15 @@ class GraspPlan(PlanRecord):
         return find_gains(self.hand, self.solution, self.motion.q[-1], tolerance, factors)
 
     def object_stiffness(self, stiffness: ArrayLike | None = None) -> ObjectStiffness:
-        """Stiffness of the held object with servos as for :meth:`force_band`: unstable where ``margin`` is below 0.
+        """Compute the stiffness of the held object with servos as for :meth:`force_band`: unstable if ``margin`` is
+        below 0.
 
         See :func:`pinograsp.actuation.object_stiffness`; raises as :meth:`force_band`.
         """
         return stiffness_of(self.hand, self.solution, self.motion.q[-1], servo_gains(self.hand, stiffness))
 
     def summary(self) -> dict[str, Any]:
-        """The plan's figures as plain JSON values, units in the names, margins included."""
+        """Return the plan's figures as plain JSON values, units in the names, margins included."""
         return PlanRecord.summary(self.with_margins())
 
     def to_csv(
@@ -151,18 +158,17 @@ class GraspPlan(PlanRecord):
 
         Args:
             path: an existing file is replaced.
-            command: None: joints with their torques. ``torque``, ``position``, ``impedance``: what the drives are sent,
+            command: None: joints with their torques. ``torque``, ``position``, ``impedance``: commands of the drives,
                 see :func:`pinograsp.handover.drive_commands`. ``jaw``: a line per joint of a gripper with its target,
                 effort, width and forces, see :func:`pinograsp.handover.write_jaws`.
-            followers: adds coupled joints; of no effect on drives.
+            followers: add coupled joints; this has no effect on drives.
             units: ``register``: with a command, whole numbers of the drives' registers, see
                 :func:`pinograsp.handover.write_registers`; with ``jaw`` closing speeds and force limits, see
                 :func:`pinograsp.handover.closing_commands`.
-            commanding: rate, start, lead, blend; for drives stiffness, damping, shortfall, too.
+            commanding: rate, start, lead, blend; for drives also stiffness, damping, shortfall.
 
-        Returns:
-            The trajectory, which says how far it is from the plan; with a command its columns are the drives, for
-            ``jaw`` their coordinates and efforts.
+        Returns: The trajectory, which includes its deviation from the plan; with a command its columns are the drives,
+            for ``jaw`` their coordinates and efforts.
 
         Raises:
             InvalidInput: as :func:`pinograsp.handover.drive_commands`. ResultsNotWritten.
@@ -192,12 +198,13 @@ class GraspPlan(PlanRecord):
         frame: str = "",
         **commanding: Unpack[Commanding],
     ) -> dict[str, Any]:
-        """The motion as ROS 2's ``trajectory_msgs/JointTrajectory``, written where a path (.yaml, .json) is given.
+        """Return the motion as ROS 2's ``trajectory_msgs/JointTrajectory``, and write it if you give a path (.yaml,
+        .json).
 
         With ``command="jaw"`` the goal of a ``control_msgs/action/ParallelGripperCommand``, see
         :func:`pinograsp.handover.gripper_message`; with another one, its ``joint_names`` are the drives. See
-        :meth:`pinograsp.handover.JointTrajectory.to_ros2`; ``commanding`` as for :meth:`to_csv`. Gains have no field in
-        the message: give the controller the same.
+        :meth:`pinograsp.handover.JointTrajectory.to_ros2`; ``commanding`` as for :meth:`to_csv`. The message has no
+        field for gains: set the same gains in the controller.
         """
         if command is not None and one_of("command", command, COMMANDS) == "jaw":
             jaws = jaw_commands(self, shortfall=commanding.get("shortfall", SHORTFALL))
@@ -222,12 +229,12 @@ class GraspPlan(PlanRecord):
 
         Args:
             path: ``.xml``; existing files are replaced.
-            command: without ``scene``, one control per drive in place of one per joint: efforts for ``torque``, servo
-                positions that make them for ``position`` and ``impedance``. In a scene, None means ``impedance``.
-            scene: a scene that loads by itself, with hand, object, actuators and keyframes, instead of keyframes to be
+            command: without ``scene``, one control per drive instead of one per joint: efforts for ``torque``, servo
+                positions that produce them for ``position`` and ``impedance``. In a scene, None means ``impedance``.
+            scene: write a complete scene with hand, object, actuators and keyframes, instead of keyframes to be
                 included; see :func:`pinograsp.handover.scene.write_scene`.
-            hold: of a scene, how long the controls go on after the motion [s].
-            model, qpos, feed_forward, prefix: a model of your own, whose actuators say what they are sent; see
+            hold: for a scene, how long the controls continue after the motion [s].
+            model, qpos, feed_forward, prefix: a model of your own, whose actuators determine the controls; see
                 :meth:`pinograsp.handover.JointTrajectory.to_mujoco`.
             commanding: as for :meth:`to_csv`.
 
@@ -256,18 +263,18 @@ class GraspPlan(PlanRecord):
         """Write the grasp for a controller in C++: the constants of its loop at the end of the motion.
 
         A header (.hpp) with functions that set up ``pinograsp::core::Online``, and ``pinograsp::core::Grip`` on it, or
-        the constants alone (.json); see ``examples/cpp``. The joints' limits are those of the plan; where on the links
-        the contacts are (``contacts_on_links``) stands beside them.
+        the constants alone (.json); see ``examples/cpp``. The joints' limits are those of the plan; the places of the
+        contacts on the links (``contacts_on_links``) are included.
 
         Args:
             path: an existing file is replaced.
-            grip: of :meth:`grip_controller`: the same squeeze that follows what is felt, in C++; None: the loop alone.
+            grip: from :meth:`grip_controller`: the same reactive squeeze in C++; None: the loop alone.
             settings: without a grip, which has its own: normal_forces, max_rate, ramp, period, max_steps as for
                 :class:`~pinograsp.motion.OnlineForces`.
 
         Raises:
-            InvalidInput: another suffix, unusable settings, a grip of another plan, or friction of other pyramids
-                than those of four edges. ResultsNotWritten.
+            InvalidInput: another suffix, unusable settings, a grip of another plan, or pyramids without exactly four
+                edges. ResultsNotWritten.
         """
         path = path_of("path", path)
         constants = self._constants_of_loop(settings) if grip is None else self._constants_of(grip, settings)
@@ -302,14 +309,14 @@ class GraspPlan(PlanRecord):
         return forces
 
     def grip_controller(self, **settings: Unpack[GripSettings]) -> GripController:
-        """The controller that holds what was grasped: its squeeze follows what is felt, tick by tick.
+        """Return the controller that holds the grasped object: its squeeze reacts to the hand's sensors, tick by tick.
 
         Args:
             settings: as for :class:`~pinograsp.reflex.GripController`; without ``max_normal_force`` the caps are those
                 of the plan's conditions.
 
         Raises:
-            InvalidInput: unusable settings, or friction of other pyramids than those of four edges.
+            InvalidInput: unusable settings, or pyramids without exactly four edges.
             ExtraMissing: the compiled core is not installed.
         """
         for name in settings:
@@ -327,7 +334,7 @@ class GraspPlan(PlanRecord):
     def show(self, *, simulation: Simulation | None = None, port: int = 8080, open_browser: bool = True) -> Viewer:
         """Open a live page with hand, object, forces and friction over time; see :func:`pinograsp.viz.viewer.view`.
 
-        Returns the viewer; its :meth:`~pinograsp.viz.viewer.Viewer.close` takes the page down. Needs the extra ``viz``.
+        Returns the viewer; its :meth:`~pinograsp.viz.viewer.Viewer.close` closes the page. Needs the extra ``viz``.
         """
         from pinograsp.viz.viewer import view
 
@@ -374,7 +381,7 @@ class GraspPlan(PlanRecord):
         seconds: float = 4.0,
         progress: bool | None = None,
     ) -> Path:
-        """Write a moving picture: the fingers close, and the forces grow; returns its path.
+        """Write a film in which the fingers close and the forces grow; returns its path.
 
         Args:
             path: .gif or .mp4; an existing file is overwritten.
@@ -403,14 +410,14 @@ def save_run(
     force: bool = False,
     extras: Callable[[Path], None] | None = None,
 ) -> Path:
-    """Write a plan with its margins, or the failure of one, into ``folder``, whole or not at all; returns it.
+    """Write a plan with its margins, or the failure of a search, into ``folder``, completely or not at all; returns it.
 
     ``extras(path)`` may add files (report, figures). ``force`` replaces an earlier run, with its checks.
 
     Raises:
-        InvalidInput: not a plan, or one whose settings cannot be written down.
+        InvalidInput: not a plan, or one whose settings cannot be written.
         ResultsNotWritten: the folder exists and ``force`` is off, it holds files that no run wrote, another process is
-            writing it, or the place cannot be written.
+            writing into it, or it cannot be written.
     """
     instance_of("plan", plan, GraspPlan, PlanFailure)
     complete = plan.with_margins().with_reach() if isinstance(plan, GraspPlan) else plan

@@ -18,13 +18,13 @@ class PlanOptions:
 
     Attributes:
         search: ``"convex"``: the certified global optimum (:func:`~pinograsp.forces.optimize_grasp`), with any friction
-            model; or a grid, see :func:`~pinograsp.forces.grid_search`. Grids know neither torque limits nor a reserve
-            (``GraspConditions(torque_limit=None, reserve=None)``).
-        grid: of a grid search; None: the paper's.
+            model; or a grid, see :func:`~pinograsp.forces.grid_search`. Grids support neither torque limits nor a
+            reserve (``GraspConditions(torque_limit=None, reserve=None)``).
+        grid: for a grid search; None: the paper's.
         solver: name of the solver; ``"auto"``: the search's own.
-        objective: of the convex search, a name or ``{name: weight}``, with a reserve ``"impulse"``, ``"work"``,
+        objective: for the convex search, a name or ``{name: weight}``, with a reserve ``"impulse"``, ``"work"``,
             ``"peak"`` or weights of these; None: the problem's measure.
-        motion: postures and sampling; None: from the open hand to the posture that touches, where the hand has closed.
+        motion: postures and sampling; None: from the open hand to the contact posture, if the hand was closed.
     """
 
     search: Search = "convex"

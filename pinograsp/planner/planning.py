@@ -44,17 +44,18 @@ def plan_grasp(
         torque_limit: the convex search keeps the holding torques at t_F within it: largest |torque| (n,) or one number
             [N m], or ``"effort"``: the hand's own effort limits (joints without one are not limited: a caution names
             them); None: the problem's own limits, if it has any.
-        reserve: what the forces are to withstand besides the problem's load, of an object; the convex search's alone.
+        reserve: what the forces withstand besides the problem's load, for a problem with an object and the convex
+            search only.
         progress: bar on stderr: None (on a terminal), True or False.
 
     Returns:
-        The plan with its status: ``OK``; ``UNBALANCED`` where the QP found that the paper's grid point balances only
-        within its net-force limit; ``JOINT_LIMIT`` or ``NOT_TRACKED`` where the motion is at fault; ``INTERRUPTED``.
+        The plan with its status: ``OK``; ``UNBALANCED`` if the QP found that the paper's grid point balances only
+            within its net-force limit; ``JOINT_LIMIT`` or ``NOT_TRACKED`` if the motion is at fault; ``INTERRUPTED``.
 
     Raises:
-        GraspInfeasible: there are no forces; carries the search record and says why: the grid's rejection histogram, or
-            the convex search's proof with its diagnosis.
-        GraspUndecided: no forces were found, and none are ruled out.
+        GraspInfeasible: no forces exist; the error has the search record and the reason: the grid's rejection
+            histogram, or the convex search's proof with its diagnosis.
+        GraspUndecided: no forces were found, but it is not proven that none exist.
         SearchInterrupted: stopped (Ctrl-C) before any forces were found.
         InvalidInput: an objective or torque limit without the convex search.
         ContactNotReached: a finger cannot reach its contact points.
@@ -79,13 +80,13 @@ def plan_grasp_on(
 ) -> GraspPlan:
     """Plan a grasp on an object: close the hand on it, then :func:`plan_grasp` with the contacts found.
 
-    With a reserve (``conditions.reserve``) the forces are the squeeze that withstands it, over the impact times
-    (:func:`~pinograsp.forces.search_reserve`), and ``plan.solution`` is its reaction to the weight alone.
+    With a reserve (``conditions.reserve``) the forces are the squeeze that withstands it, searched over the impact
+    times (:func:`~pinograsp.forces.search_reserve`), and ``plan.solution`` is its reaction to the weight alone.
 
     Args:
         hand: the hand, placed in the world.
-        body: the object; or this hand closed on it already (:func:`~pinograsp.contacts.close_hand`).
-        conditions: friction, limits and what is to be balanced.
+        body: the object, or this hand already closed on it (:func:`~pinograsp.contacts.close_hand`).
+        conditions: friction, limits and balance.
         options: how to search.
         progress: as for :func:`plan_grasp`.
 

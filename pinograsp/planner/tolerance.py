@@ -38,22 +38,22 @@ def tell_tolerance(
 def find_tolerance(
     plan: PlanRecord, error: PoseError | None = None, *, threads: int | None = None, quick: bool = False
 ) -> PoseTolerance:
-    """Close the hand of a plan on its object in other places: how far off that may be.
+    """Find how far the object may be from its planned place: close the hand of the plan on it in other places.
 
-    The joints follow their commands as servos, as the plan has them while the hand closes; what touches pushes the
-    object, which slides and turns on its table (``table=True``), or stays until the grasp is complete. Then the table
-    leaves, the joints are held where they are, and the object must stay in the hand for 0.4 s. A quick computation in
-    implicit steps of 10 ms, some milliseconds an error, which :func:`pinograsp.simulate` judges by other means; a hand
-    that is in the way of the misplaced object while it is still open counts as lost.
+    The joints follow their commands with the plan's servos for closing. Links that touch push the object, which slides
+    and turns on its table (``table=True``), or stays until the grasp is complete. Then the table disappears, the joints
+    are held where they are, and the object must stay in the hand for 0.4 s. This is a quick computation in implicit
+    steps of 10 ms, some milliseconds per error; :func:`pinograsp.simulate` checks it by independent means. If the open
+    hand is already in the way of the misplaced object, the object counts as lost.
 
     Args:
-        plan: with its hand and its object.
+        plan: a plan with its hand and its object.
         error: sizes and directions; default: 5 mm and 5 deg, in 12 directions.
         threads: of the compiled core; None: one for each core.
-        quick: errors of that size alone: ``distance`` is that or 0.
+        quick: try errors of that size only: ``distance`` is that size or 0.
 
     Raises:
-        InvalidInput: a plan without hand or object, or whose contacts have no link.
+        InvalidInput: the plan has no hand or object, or its contacts have no link.
         ExtraMissing: the compiled core is not installed; or the object is not convex, and coacd (extra ``mesh``) is
             not.
     """
