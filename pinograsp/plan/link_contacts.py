@@ -11,12 +11,12 @@ from pinograsp.spatial import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinkContacts:
-    """Where on its links a hand is to touch, k contacts: to be compared with the place of a patch of taxels.
+    """Where on its links a hand touches (k contacts), to be compared with the place of a patch of taxels.
 
     Attributes:
         names: (k,).
-        links: that touch (k,).
-        points_l: in the frames of these links (k, 3) [m], as they touch before they press.
+        links: the links that touch (k,).
+        points_l: contact points in the frames of these links (k, 3) [m], at the first touch.
         normals_l: unit normals there, out of the link and into the object (k, 3).
         normal_forces: planned F_n (k,) [N].
     """

@@ -15,7 +15,7 @@ class Motion:
     """Joint trajectory and torques from t = 0 to t_F.
 
     Attributes:
-        status: ``OK``, ``JOINT_LIMIT``, ``NOT_TRACKED`` or ``EARLY_CONTACT``; ``DOUBTFUL`` where a reserve hangs on
+        status: ``OK``, ``JOINT_LIMIT``, ``NOT_TRACKED`` or ``EARLY_CONTACT``; ``DOUBTFUL`` if a reserve depends on
             contacts that a small error changes, or the object is easily pushed away.
         notes: position and effort limits met or exceeded, by joint.
         times: (m,) [s].
@@ -25,20 +25,20 @@ class Motion:
         ddq: joint accelerations (m, n) [rad/s^2 or m/s^2].
         torques: (m, n) [N m or N].
         holding_torques: torques that hold still after t_F (n,) [N m or N].
-        settled_forces: normal forces once the object is let go (k,) [N], as foreseen: the planned ones, and of a closed
-            hand what is left of them by friction that built up while it pressed, and by joints that give way as their
-            servos do (sent the torques of the planned forces, too).
+        settled_forces: predicted normal forces after the object is let go (k,) [N]: the planned ones, or for a closed
+            hand what remains of them after friction that built up while it pressed, and after joints that give way like
+            their servos (with the torques of the planned forces as feed-forward).
         forces_o: contact forces on the object, world axes (m, k, 3) [N].
         contact_velocities: velocities of the contact points J dq, zero before the impact (m, k, 3) [m/s].
-        tracking_error: largest distance of each contact point from its path (k,) [m]; of a closed grasp along the
-            normal.
-        slip: largest distance across the normal, of a closed grasp whose joints cannot follow it (k,) [m].
+        tracking_error: largest distance of each contact point from its path (k,) [m]; along the normal for a closed
+            hand.
+        slip: largest distance across the normal, for a closed hand whose joints cannot follow the path (k,) [m].
         postures: number of contact-phase postures tried per finger.
         peak_torque: infinity norm of ``torques`` [N m].
         remedy: what causes a status other than ``OK``, and what to do; empty for ``OK``.
-        closing_stiffness: gains of servos that forgive a misplaced object while the hand closes, sent the torques
-            besides (n,) [N m/rad or N/m]; then the joints are held where they are, with gains of their own. None: their
-            own gains all the time, as in records of earlier versions.
+        closing_stiffness: gains of servos that tolerate a misplaced object while the hand closes, with the torques as
+            feed-forward (n,) [N m/rad or N/m]; afterwards the joints are held where they are, with their own gains.
+            None: their own gains all the time, as in records of earlier versions.
     """
 
     status: Status

@@ -64,7 +64,7 @@ class PlanContacts:
 
     Attributes:
         names: (k,).
-        links: that touch (k,); empty where the contacts were made without a hand.
+        links: the links that touch (k,); empty if the contacts were made without a hand.
         points_o: (k, 3) [m].
         rotations_oc: contact frames, z into the object (k, 3, 3).
         com_o: the object's centre of mass (3,) [m].
@@ -81,12 +81,12 @@ class PlanContacts:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanFriction:
-    """The friction that was planned with.
+    """The friction of the plan.
 
     Attributes:
         mu: friction coefficients (k,) [-].
         model: ``"pyramid"``, ``"cone"`` or ``"soft"``.
-        edges: of a pyramid; None: no pyramid.
+        edges: number of edges of a pyramid; None: no pyramid.
         safety: friction is used up to mu / safety [-].
         torsion: largest moment about a normal per newton [m]; 0: none.
     """
@@ -101,7 +101,7 @@ class PlanFriction:
 
     @property
     def traits(self) -> FrictionTraits:
-        """What the model's name says."""
+        """The properties of the model."""
         return FRICTION_TRAITS[self.model]
 
     def summary(self) -> Plain:
@@ -111,14 +111,14 @@ class PlanFriction:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContactLaw:
-    """A contact law by its numbers: F_n = (lambda d(delta)/dt + K) delta^rho (Eq. 4), or a table in place of delta^rho.
+    """A contact law by its numbers: F_n = (lambda d(delta)/dt + K) delta^rho (Eq. 4), or a table instead of delta^rho.
 
     Attributes:
-        stiffness: K [N/m^rho]; beside a table the factor [-] on its forces.
-        damping: lambda [N s/m^(rho+1)]; beside a table [s/m].
-        exponent: rho [-]; 0 beside a table.
-        table: depths [m], rising from 0, and the forces [N] there (l, 2), to be joined by monotone cubics
-            (Fritsch and Carlson) that go on straight; empty: there is none.
+        stiffness: K [N/m^rho]; with a table the factor on its forces [-].
+        damping: lambda [N s/m^(rho+1)]; with a table [s/m].
+        exponent: rho [-]; 0 with a table.
+        table: depths [m], rising from 0, and the forces [N] there (l, 2), to be joined by monotone cubics (Fritsch and
+            Carlson) and continued by a straight line; empty: no table.
     """
 
     stiffness: float
@@ -131,24 +131,24 @@ class ContactLaw:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanReserve:
-    """What the squeeze withstands besides the weight: it was planned for all of it at once.
+    """What the squeeze withstands besides the weight; it was planned for all of it at once.
 
     Attributes:
         disturbance: force in any direction, as share of the weight [-].
         force: that force [N].
         moment: or a moment about any axis [N m].
         mass: the object may be lighter or heavier by this share [-].
-        friction: share of friction that is not relied on [-]; part of the friction's safety factor.
+        friction: share of friction on which the plan does not rely [-]; part of the friction's safety factor.
         normal_force: least normal force of each contact [N].
         torque: share of each torque limit that is kept free [-].
         softer: the contacts may be softer by this factor [-], with the hand's own servos.
         stiffer: or stiffer by this factor [-].
-        drive: share by which the drives' efforts may be off [-], with the hand's own servos.
+        drive: share by which the drives' efforts may differ [-], with the hand's own servos.
         tasks: what is done with the object, in words.
         loads: number of loads that stand for all of these.
-        impact_times: that a search tried; the forces are the proven optimum at the one that it took.
-        above_unrestricted: share [-] by which the objective is above the proven least of a hand whose every contact
-            could press, and every joint pull, as it likes: at most that much is lost to couplings and shared motors.
+        impact_times: number that a search tried; the forces are the proven optimum at the chosen one.
+        above_unrestricted: share [-] by which the objective is above the proven least of a hand whose contacts and
+            joints could all be chosen freely: at most this share is lost to couplings and shared motors.
     """
 
     disturbance: float
@@ -175,7 +175,7 @@ class PlanReserve:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanCertificate:
-    """Why the forces can be trusted, and how near to the best they are.
+    """Why the forces can be trusted, and how close to the optimum they are.
 
     Attributes:
         weights: what is minimised, ``{name: weight}``.
@@ -183,7 +183,7 @@ class PlanCertificate:
         lower_bound: proven for any admissible forces, in the same unit.
         relative_gap: their difference, relative to the objective's size [-].
         violation: largest violation of a limit [N].
-        active: limits that the forces lie on, in words.
+        active: limits that the forces reach, in words.
         branches: intervals of t_I that were searched (b, 4): start [s], end [s], proven bound, best objective then.
     """
 
@@ -198,13 +198,13 @@ class PlanCertificate:
     __repr__ = brief()
 
     def summary(self) -> Plain:
-        """As plain JSON values; of the branches their number."""
+        """As plain JSON values, with the number of branches only."""
         return plain_fields(self, violation="violation_N") | {"branches": len(self.branches)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanGrid:
-    """What a grid search looked at.
+    """What a grid search covered.
 
     Attributes:
         points: size of the grid.
@@ -241,13 +241,13 @@ class PlanForces:
         acceleration: decelerations A (k,) [m/s^2].
         work: grasp energy by Eq. (9) [J].
         impulse: grasp energy by Eq. (11) [N s].
-        residual_force: norm of the force that is left over [N].
-        residual_moment: norm of the moment that is left over [N m].
+        residual_force: norm of the residual force [N].
+        residual_moment: norm of the residual moment [N m].
         depths: penetration over the motion's times (m, k) [m].
         rates: its rate (m, k) [m/s].
         normal_history: normal forces over the motion's times (m, k) [N].
-        certificate: of a convex search; None: a grid's.
-        grid: what a grid search looked at; None: a convex one.
+        certificate: of a convex search; None: a grid search.
+        grid: what a grid search covered; None: a convex search.
     """
 
     status: Status
@@ -285,13 +285,13 @@ class PlanForces:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StiffnessBand:
-    """What comes of the squeeze where contacts are softer or stiffer than planned, the servos' positions as commanded.
+    """The squeeze if contacts are softer or stiffer than planned, with the servos' positions as commanded.
 
     Attributes:
         servos: the servos that hold the joints, in words.
         factors: real over planned contact stiffness (s,) [-].
-        normal_forces: F_n that come (s, k) [N].
-        remarks: per factor why the object is not held, in words; empty where it is.
+        normal_forces: resulting F_n (s, k) [N].
+        remarks: per factor why the object is not held, in words; empty if it is.
     """
 
     servos: str
@@ -338,10 +338,10 @@ class PlanMargins:
         disturbance_moment: largest moment about any axis [N m]; None where moments are not balanced.
         force_closure: whether the contacts can balance every wrench.
         ferrari_canny: epsilon (L1), certified from below.
-        min_singular_value: of the grasp map.
+        min_singular_value: smallest singular value of the grasp map.
         isotropy: of the grasp map.
         stiffness: of the grasp, 6 x 6, linear first [N/m, N, N m].
-        band: forces on contacts softer or stiffer than planned; None: not told, as in plans of older versions.
+        band: forces on contacts softer or stiffer than planned; None: not computed, as in plans of older versions.
     """
 
     friction_used: Annotated[Array, "k", INFINITE]
@@ -362,11 +362,11 @@ class PlanMargins:
     __repr__ = brief("friction_used", "load_factor", "disturbance_force", "force_closure", "ferrari_canny")
 
     def spares_nothing(self, weight: float) -> bool:
-        """Whether the weakest direction withstands next to nothing of a weight [N] besides the load."""
+        """Whether the weakest direction withstands next to nothing besides the load, compared with a weight [N]."""
         return self.disturbance < WEAK * number("weight", weight, at_least=0, unit="N")
 
     def summary(self, names: tuple[str, ...]) -> Plain:
-        """As plain JSON values by the contacts' ``names``; None where a figure is infinite."""
+        """As plain JSON values by the contacts' ``names``; None if a figure is infinite."""
         units = {
             "disturbance": "disturbance_any_N",
             "disturbance_force": "disturbance_force_N",
@@ -385,7 +385,7 @@ class PlanMargins:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reach:
-    """Forces that may come on top of the load while the squeeze stays, around the planes xy, xz, yz.
+    """Forces that the grasp withstands besides the load with the same squeeze, in the planes xy, xz, yz.
 
     Attributes:
         directions: unit vectors (3, d, 3).
@@ -405,9 +405,9 @@ class ComparisonRow:
     Attributes:
         quantity: its name.
         unit: of both figures.
-        published: None where the publication prints nothing.
-        ours: None where there is none.
-        note: what to know about it.
+        published: None if the publication prints nothing.
+        ours: None if there is none.
+        note: a remark.
     """
 
     quantity: str

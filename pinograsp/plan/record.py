@@ -37,30 +37,30 @@ from pinograsp.words import by_name, format_number, lines_of
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanRecord:
-    """A grasp: contact forces, and the joint motion and torques that bring them about.
+    """A grasp: contact forces, and the joint motion and torques that produce them.
 
     Attributes:
         layout: names of the hand's parts.
-        hand: the hand, as it was placed; None where the record was read without it.
-        body: what is held; None where it is not known.
-        contacts: where the hand touches.
-        friction: the friction that was planned with.
+        hand: the hand, as it was placed; None if the record was read without it.
+        body: the held object; None if it is not known.
+        contacts: the contact points and frames.
+        friction: the friction of the plan.
         law: the contact law.
         load: external wrench on the object about its centre of mass, weight included (6,) [N, N m].
         gravity_o: (3,) [m/s^2].
-        body_mass: of the object whose weight is in the load [kg]; 0: it was not known.
+        body_mass: mass of the object whose weight is in the load [kg]; 0: not known.
         balance: ``"wrench"`` (forces and moments) or ``"force"``.
         measure: grasp energy that was minimised, ``"impulse"`` or ``"work"``.
-        on_table: whether it was planned for an object that stands on a table.
+        on_table: whether the plan is for an object that stands on a table.
         torque_limit: largest |torque| (n,) [N m or N]; infinity: none.
         forces: contact forces at t_F, and how they build up.
         motion: trajectory and torques.
-        reserve: what the forces were planned to withstand besides; None: the load alone.
+        reserve: what the forces withstand by plan besides the load; None: the load alone.
         margins: what the grasp withstands besides its load; None: not computed.
         reach: the same by direction; None: not computed.
-        tolerance: how far the object may be from where the plan has it; None: not computed.
-        cautions: what the plan's promise does not cover, in words: look here before a simulation or a robot does.
-        notes: what else there is to know.
+        tolerance: how far the object may be from its planned place; None: not computed.
+        cautions: what the plan's promise does not cover, in words; read them before you simulate or execute the plan.
+        notes: further remarks.
         closing: how the hand was closed, as plain values; None: the contacts were given.
         comparison: published figures beside ours.
         elapsed: seconds per stage, ``{"closing": ..., "forces": ..., "motion": ...}``.
@@ -122,7 +122,7 @@ class PlanRecord:
         )
 
     def peak_efforts(self) -> str:
-        """The largest torque over the motion, and the largest force of joints that slide, in words with their units."""
+        """The largest torque over the motion, and the largest force of sliding joints, in words with their units."""
         largest = np.abs(self.motion.torques).max(axis=0)
         if self.hand is None:  # which joints slide is not known
             return f"{format_number(float(largest.max()), 3)} N m (N where it slides)"
@@ -137,38 +137,38 @@ class PlanRecord:
 
     @property
     def status(self) -> Status:
-        """``OK``, or the first stage's complaint."""
+        """``OK``, or the status of the first stage that is not."""
         return self.forces.status if self.forces.status is not Status.OK else self.motion.status
 
     @property
     def remedy(self) -> str:
-        """What is behind a status other than ``OK`` and what to do about it; empty for ``OK``."""
+        """The cause of a status other than ``OK``, and what to do about it; empty for ``OK``."""
         own = self.motion.remedy if self.forces.status is Status.OK else ""
         return own or self.status.remedy
 
     @property
     def residual_force_o(self) -> Array:
-        """What contact forces and load leave over, over the motion's times (m, 3) [N]."""
+        """Residual force of contact forces and load, over the motion's times (m, 3) [N]."""
         left: Array = self.motion.forces_o.sum(axis=1) + self.load[:3]
         return left
 
     @property
     def weight(self) -> float:
-        """Of the object [N]; 0: it was not known."""
+        """Weight of the object [N]; 0: not known."""
         return self.body_mass * float(np.linalg.norm(self.gravity_o))
 
     @property
     def hand_in_object(self) -> Array | None:
         """bMh (4, 4): the hand's root frame in the object's, that of its file [m].
 
-        Where a robot has to bring the hand; None where one of the two was not kept.
+        This is where a robot has to bring the hand. None if the record lacks one of the two.
         """
         if self.hand is None or self.body is None:
             return None
         return np.asarray(inverse_of(self.body.pose) @ self.hand.pose)
 
     def require_hand(self) -> HandModel:
-        """The hand, or :class:`InvalidInput` where the record has none."""
+        """Return the hand, or raise :class:`InvalidInput` if the record has none."""
         if self.hand is None:
             raise InvalidInput(
                 "expected a plan with its hand, got one that did not keep it: load it from its description, "
@@ -178,7 +178,7 @@ class PlanRecord:
 
     @property
     def contacts_on_links(self) -> LinkContacts | None:
-        """Where on its links the hand is to touch, and how hard; None where the hand was not kept, or the contacts were
+        """Where on its links the hand touches, and how hard; None if the record lacks the hand, or the contacts were
         made without one.
         """
         hand, contacts, motion = self.hand, self.contacts, self.motion
@@ -196,7 +196,7 @@ class PlanRecord:
         )
 
     def require_margins(self) -> PlanMargins:
-        """The margins, or :class:`InvalidInput` where they were not computed."""
+        """Return the margins, or raise :class:`InvalidInput` if they were not computed."""
         if self.margins is None:
             raise InvalidInput("expected a plan with its margins, got one without: plan.with_margins()")
         return self.margins
@@ -267,10 +267,10 @@ class Proof:
     """Why no forces can hold the object: a direction in which every admissible force leaves some of the load.
 
     Attributes:
-        margin: what is left along it at least [N].
+        margin: least residual along it [N].
         direction: in the balance rows (3,) or (6,), moments over the moment length.
-        at_torque_limit: joints whose limits are in the way.
-        residual: the least wrench that is left (6,) [N, N m].
+        at_torque_limit: joints whose limits are part of the proof.
+        residual: the least residual wrench (6,) [N, N m].
     """
 
     margin: float
@@ -287,13 +287,13 @@ class Proof:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanFailure:
-    """A search that found that there is no grasp: its diagnosis, kept like a plan.
+    """The diagnosis of a search that found no grasp, stored like a plan.
 
     Attributes:
         status: of the search.
         search: its name.
         message: the diagnosis, in words.
-        proof: None where nothing is proven.
+        proof: None if nothing is proven.
         hand: its name.
         contacts: names.
         settings: the case, as plain values.

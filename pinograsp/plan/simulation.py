@@ -18,27 +18,27 @@ MOVED, TURNED = 5e-3, 10.0  # [m], [deg]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verdict:
-    """What came of a plan.
+    """The result of a simulated plan.
 
     Attributes:
         held: whether the object stayed in the hand.
-        reason: in words.
+        reason: the reason, in words.
         drift: of its centre of mass since the release [m].
         tilt: of its upright direction [deg].
         turn: about any axis [deg].
-        force_error: largest |F_n - planned| / planned at the end, by part of the hand that should touch (planned: a
-            twentieth of the largest at least).
+        force_error: largest |F_n - planned| / planned at the end, over the parts of the hand that should touch (planned
+            counts as a twentieth of the largest at least).
         force_errors: each.
-        settled_error: as ``force_error``, of the forces that the plan foresees once the object is let go; None where it
-            never was.
+        settled_error: as ``force_error``, compared with the plan's prediction for the object let go; None if it was
+            never let go.
         penetration_error: largest |depth - planned| in the last tenth of the hold, as for the forces [m].
         slipped: parts that slipped by more than 0.1 mm after the release.
         unplanned: parts that touch without being planned.
         limit_hits: joints beyond their position limits.
         saturated: joints whose motor was at its torque limit at the end.
-        energy_error: what the energy audit does not account for, relative to the energy that was turned over.
-        causes: of a lost object, what went wrong first, in the order of time: motors at their torque limits, contacts
-            that slipped or opened, a joint that gave way, in words.
+        energy_error: energy that the audit does not account for, relative to the energy turned over.
+        causes: for a lost object, the first causes in the order of time, in words: motors at their torque limits,
+            contacts that slipped or opened, a joint that gave way.
         remedies: what to change then, in words.
     """
 
@@ -96,11 +96,11 @@ class History:
         dq: joint velocities (s, n) [rad/s or m/s].
         torques: of the motors (s, n) [N m or N].
         object_poses: oMb of the object's frame, that of its file (s, 4, 4).
-        parts: names of the parts of the hand that touch or should (p), in the order of the plan's contacts, then those
-            that touch without a plan. Contacts of one part share a row, under the name of their link.
+        parts: names of the parts of the hand that touch or should touch (p), in the order of the plan's contacts, then
+            those that touch although not planned. Contacts of one part share a row, under the name of their link.
         forces_o: on the object by part, sums over its points (s, p, 3) [N].
-        normal_forces: likewise (s, p) [N].
-        tangential_forces: likewise (s, p) [N].
+        normal_forces: by part (s, p) [N].
+        tangential_forces: by part (s, p) [N].
         depths: of a part's deepest point (s, p) [m].
         slips: path slipped (s, p) [m].
         planned_forces: sum of F_n by part (p,) [N].
@@ -129,7 +129,7 @@ class History:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Simulation(History):
-    """A plan tried: its samples, with what came of it.
+    """The simulation of a plan: its samples and its verdict.
 
     Attributes:
         verdict: held or lost, with its numbers.
@@ -137,8 +137,8 @@ class Simulation(History):
         time_step: [s].
         release: when the object was let go [s]; None: never.
         com_b: the object's centre of mass in its frame (3,) [m].
-        disturbance: what was not as planned, as plain values.
-        notes: where the geometry differs from the plan's.
+        disturbance: differences from the plan, as plain values.
+        notes: differences of the geometry from the plan's.
         elapsed: [s].
         exponent: rho of the contact law.
         servo: control of the joints and stiffness [N m/rad or N/m], as plain values; empty: prescribed motion.
@@ -168,19 +168,19 @@ class Simulation(History):
 
     @property
     def com_o(self) -> Array:
-        """Places of the object's centre of mass (s, 3) [m]."""
+        """Positions of the object's centre of mass (s, 3) [m]."""
         return np.asarray(self.object_poses[:, :3, :3] @ self.com_b + self.object_poses[:, :3, 3])
 
     @property
     def drift(self) -> Array:
-        """Distance of the object's centre of mass from where it was when the grasp was complete (s,) [m]; 0 before."""
+        """Distance of the object's centre of mass from its position when the grasp was complete (s,) [m]; 0 before."""
         position = self.com_o
         moved: Array = np.linalg.norm(position - position[self.complete], axis=1)
         moved[: self.complete] = 0.0
         return moved
 
     def describe_controller(self) -> str:
-        """What controlled the hand from t_F on, in words; "" where it followed the plan alone."""
+        """The controller of the hand from t_F on, in words; "" if the hand followed the plan alone."""
         felt = self.disturbance.get("controller_feels")
         return "" if felt is None else f"with a controller that measures {', '.join(map(str, felt)) or 'nothing'}"
 
@@ -205,7 +205,7 @@ class Simulation(History):
         }
 
     def describe(self) -> str:
-        """The verdict as readable text, and what was measured."""
+        """The verdict and the measurements as readable text."""
         v = self.verdict
         lines = [
             f"{'HELD' if v.held else 'LOST'}: {v.reason}",

@@ -20,12 +20,12 @@ SMALLEST = 0.5  # of the error that is asked about: what is tried first
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseError:
-    """By how much an object may be elsewhere than planned: displaced and turned at once.
+    """The error of an object's pose that is tried: displacement and rotation at once.
 
     Attributes:
-        distance: displacement [m]; in the plane of a table, where the object stands on one, else in any direction.
-        angle: turn [rad]; about the table's normal, else about any axis.
-        count: directions that are tried, evenly spread.
+        distance: displacement [m]; in the plane of the table if the object stands on one, else in any direction.
+        angle: rotation [rad]; about the table's normal, else about any axis.
+        count: number of directions that are tried, evenly spread.
 
     Raises:
         InvalidInput: a distance that is not above 0, an angle below 0 or above a half turn, fewer than 4 directions.
@@ -45,7 +45,7 @@ class PoseError:
     def spread(self, up: Array | None) -> tuple[Array, Array]:
         """Displacements (count, 3) [m] and rotation vectors (count, 3) [rad], world axes.
 
-        ``up`` (3,): normal of the table; None: the object stands on none, and all directions are tried.
+        ``up`` (3,): normal of the table; None: no table, and all directions are tried.
         """
         i = np.arange(self.count)
         sides = np.where(i % 2, -1.0, 1.0)[:, None]
@@ -66,20 +66,20 @@ class PoseError:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseTolerance:
-    """How far the object may be from where the plan has it: the hand closes, and then holds it all the same.
+    """How far the object may be from its planned place and still be held.
 
-    Errors of all directions are tried in rising sizes, by a quick computation of how the fingers push the object (see
-    :func:`pinograsp.planner.find_tolerance`).
+    Errors of increasing size are tried in all directions, by a quick computation of how the fingers push the object
+    (see :func:`pinograsp.planner.find_tolerance`).
 
     Attributes:
-        distance: up to this all directions are kept [m]; 0: not even the smallest size.
-        angle: that comes with it [rad].
-        kept: share of the errors of the size that was asked for that are kept [-].
-        asked_distance: that size [m].
-        asked_angle: and its angle [rad].
-        count: directions.
-        on_table: whether the object stands on a table, where it slides and turns; else it stays until it is grasped.
-        worst: direction of a smallest error that is lost, the displacement (3,), a unit vector; zero: none is lost.
+        distance: largest displacement that is held in all directions [m]; 0: not even the smallest.
+        angle: rotation that belongs to it [rad].
+        kept: share of the errors of the requested size that are held [-].
+        asked_distance: requested displacement [m].
+        asked_angle: requested rotation [rad].
+        count: number of directions.
+        on_table: whether the object stands on a table, on which it slides and turns; else it stays until it is grasped.
+        worst: direction of the displacement of a smallest error that is lost (3,), a unit vector; zero: none is lost.
     """
 
     distance: float
