@@ -37,7 +37,7 @@ class ContactPostures:
         angles: joint angles (s, n_f) of the s solutions [rad].
         points_l: contact points (c, 3) in the frames of the joints that carry the touching links, per solution
             (s, c, 3) [m].
-        method: ``"closed form"``, ``"numerical"``, or ``"closing"``: that of a closed hand.
+        method: ``"closed form"``, ``"numerical"``, or ``"closing"`` for a closed hand.
     """
 
     finger: str
@@ -56,7 +56,8 @@ def contact_postures(
     spread: float = math.radians(3.0),
     samples: int = 13,
 ) -> dict[str, ContactPostures]:
-    """Every sampled joint posture of every touching finger that reaches its contact points within the joint limits.
+    """Find every sampled joint posture of every touching finger that reaches its contact points within the joint
+    limits.
 
     Args:
         hand: the hand.
@@ -71,7 +72,7 @@ def contact_postures(
         Finger name -> :class:`ContactPostures`, in the order of the contacts.
 
     Raises:
-        ContactNotReached: a finger has no posture, with the nearest miss.
+        ContactNotReached: a finger has no posture; the message gives the nearest miss.
         InvalidInput: a reference for an unknown finger, or of the wrong size.
     """
     instance_of("hand", hand, HandModel)

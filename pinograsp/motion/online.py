@@ -34,7 +34,7 @@ _STATUS = {core.CONVERGED: Status.OK, core.INFEASIBLE: Status.INFEASIBLE, core.S
 
 
 class LoopSettings(TypedDict, total=False):
-    """Settings of :class:`OnlineForces` that a controller elsewhere has, too."""
+    """Settings of :class:`OnlineForces` that a controller in C++ has, too."""
 
     normal_forces: tuple[ArrayLike, ArrayLike]
     max_rate: float
@@ -44,32 +44,32 @@ class LoopSettings(TypedDict, total=False):
 
 
 class OnlineForces:
-    """Forces that hold a changing load, with joint torques: everything is allocated here, :meth:`step` only computes.
+    """Forces that hold a changing load, with joint torques. All memory is allocated here; :meth:`step` only computes.
 
     Every tick minimises the sum of squares of normal and tangential forces (a torsional moment counts as the tangential
     force that uses as much friction) under balance, friction and the limits of F_n, from the last tick's multipliers: a
     strongly convex problem, so the forces change no more abruptly than the load does. Solved to 1e-11 of the load by
-    Newton's method on the dual (:mod:`pinograsp.core`), in a bounded number of steps. What cannot be balanced
-    leaves the least that any forces within the limits leave, to 1e-8 of the load (1e-6 with torque limits), by a bound
-    that proves it. Where a joint would bear more than its limit the tick is solved again by interior points, with rows
-    for the joints: a tenth of a millisecond more for a dozen contacts, half of one where the load cannot be held. So it
-    is, at every tick, where fewer drives than joints make the torques (``TorqueLimits.underactuation``). Where no
-    forces at all keep the joints within their limits, these do not count.
+    Newton's method on the dual (:mod:`pinograsp.core`), in a bounded number of steps. If a load cannot be balanced, the
+    residual is the least that any forces within the limits leave, to 1e-8 of the load (1e-6 with torque limits), proven
+    by a bound. If a joint would exceed its limit, the tick is solved again by interior points, with rows for the
+    joints; this takes a tenth of a millisecond more for a dozen contacts, and half a millisecond if the load cannot be
+    held. The same happens at every tick if fewer drives than joints produce the torques
+    (``TorqueLimits.underactuation``). If no forces at all keep the joints within their limits, these are ignored.
 
     Attributes:
         forces: (k, 3) in the contacts' axes [N].
         moments: about the normals (k,) [N m].
         torques: (n,) [N m], empty without a hand.
         positions: for position servos without feed-forward (n,) [rad or m]: q + torques / stiffness, the references at
-            which they give these torques; empty without ``stiffness``.
-        residual: what forces and load leave over (6,), about the centre of mass [N, N m].
+            which they produce these torques; empty without ``stiffness``.
+        residual: net wrench of forces and load (6,), about the centre of mass [N, N m].
         status: ``OK``; ``INFEASIBLE``: no forces within the limits of this tick, its rates and ramps included, balance
             the load, and none leave less (least squares; moments over the problem's moment length); ``INACCURATE``:
-            neither is proven within the steps allowed, these are the closest that were found; ``INVALID_INPUT``: with
+            neither is proven within the allowed steps, these are the closest forces found; ``INVALID_INPUT``: with
             ``invalid="keep"``, an unusable tick, which changed nothing.
         steps: Newton steps of the last tick.
-        names: the contacts.
-        least, largest: limits of F_n (k,) [N], which may be written between ticks.
+        names: names of the contacts.
+        least, largest: limits of F_n (k,) [N], which you may change between ticks.
 
     The other arrays are overwritten by the next step: copy what must stay.
     """
@@ -88,28 +88,28 @@ class OnlineForces:
         stiffness: ArrayLike | None = None,
         invalid: Invalid = "raise",
     ):
-        """Built once from a grasp.
+        """Prepare the loop, once, from a grasp.
 
         Args:
             problem: contacts, friction (a cone, soft fingers or a 4-edge pyramid), balance, gravity, and the limits of
                 its ``torques``, which hold at the posture of the tick, with the couplings of an underactuated hand.
                 Its load is not used.
-            hand: whose torques are wanted; None: forces alone.
+            hand: the hand whose torques are needed; None: only forces.
             q: its posture (n,) [rad]; default: the contacts' own.
             normal_forces: least and largest F_n [N], numbers or (k,); default: up to what the problem's largest depth
-                and its ``max_normal_force`` allow, from the least force of its range of impact times. The loop gives
-                the least squeeze for the load it is told: for pushes that nobody measures, keep a share of a plan's
+                and its ``max_normal_force`` allow, from the least force of its range of impact times. The loop finds
+                the least squeeze for the load that you pass. For pushes that nobody measures, keep a share of a plan's
                 squeeze as the least, ``normal_forces=(0.9 * plan.forces.normal_forces, cap)``.
             max_rate: largest |dF_n/dt| [N/s]; None: any.
-            ramp: how long a contact that is gained or lost takes [s].
+            ramp: time in which a contact is gained or lost [s].
             period: of the loop [s].
-            max_steps: Newton steps of one try.
+            max_steps: largest number of Newton steps of one attempt.
             stiffness: of the hand's position servos, one number or (n,) [N m/rad or N/m], for ``positions``.
-            invalid: what a tick with unusable numbers does (NaN of a sensor): ``"raise"``, or ``"keep"`` the last
-                forces, torques and positions, with the status ``INVALID_INPUT``.
+            invalid: what a tick with unusable numbers does (such as NaN from a sensor): ``"raise"``, or ``"keep"`` the
+                last forces, torques and positions, with the status ``INVALID_INPUT``.
 
         Raises:
-            InvalidInput: what cannot be used, with the reason.
+            InvalidInput: an argument cannot be used; the message gives the reason.
             ExtraMissing: the compiled core is not installed.
         """
         instance_of("problem", problem, ForceProblem)
@@ -188,7 +188,7 @@ class OnlineForces:
         return steps
 
     def constants(self) -> dict[str, Any]:
-        """All that the loop was set up with, and where it is now, as plain values: for controllers in C++.
+        """Return the loop's settings and present state as plain values, for controllers in C++.
 
         Keys are those of ``pinograsp::core::OnlineSetup`` and ``Online`` (``pinograsp/core/online.hpp``), and
         ``contact_names``, ``joint_names``, the hand's ``posture`` (n,), ``period`` [s] and the problem's ``load`` (6,).
@@ -272,12 +272,12 @@ class OnlineForces:
         self._loop.place(points - self._loop.com, np.ascontiguousarray(rotations))
 
     def engage(self, contact: str | int, touches: bool = True, *, at_once: bool = False) -> None:
-        """A contact (name or number) is gained or lost.
+        """Gain or lose a contact (name or number).
 
-        Gained, the limits of its force rise from nothing in the time of ``ramp``. Lost, its force falls from what it is
-        to nothing in that time, or as fast as ``max_rate`` lets it where that takes longer. The others take over as
-        fast as ``max_rate`` lets them: give them time by a longer ``ramp``.
-        ``at_once`` is for a finger that has slipped off: no force from the next tick on.
+        If it is gained, the limits of its force rise from zero in the time ``ramp``. If it is lost, its force falls to
+        zero in that time, or as fast as ``max_rate`` allows if that takes longer. The others take over as fast as
+        ``max_rate`` allows: give them time by a longer ``ramp``. Use ``at_once`` for a finger that has slipped off: it
+        has no force from the next tick on.
         """
         if isinstance(contact, str):
             contact = self.names.index(one_of("contact", contact, self.names))
@@ -285,7 +285,7 @@ class OnlineForces:
         self._loop.engage(contact % len(self.names), flag("touches", touches), flag("at_once", at_once))
 
     def reset(self) -> None:
-        """Forget the last tick: the next one starts cold, and its forces at any rate."""
+        """Forget the last tick: the next one starts cold, and its forces may change at any rate."""
         self._loop.reset()
 
     def step(
@@ -296,7 +296,7 @@ class OnlineForces:
         poses: ArrayLike | None = None,
         mu: ArrayLike | None = None,
     ) -> tuple[Array, Array, Status]:
-        """Forces (k, 3) [N], torques (n,) [N m] and status for the load of this tick.
+        """Return forces (k, 3) [N], torques (n,) [N m] and status for the load of this tick.
 
         Args:
             load: external wrench on the object (6,), linear first, about the centre of mass, world axes [N, N m].
@@ -305,8 +305,8 @@ class OnlineForces:
             mu: friction coefficients (k,) or one; default: the last.
 
         Raises:
-            InvalidInput: shapes that do not fit, a number that is not finite or absurdly large, mu < 0; nothing has
-                changed then. With ``invalid="keep"`` it is a status instead.
+            InvalidInput: shapes that do not fit, a number that is not finite or absurdly large, mu < 0; nothing changes
+                then. With ``invalid="keep"`` it is a status instead.
         """
         try:
             if q is not None or poses is not None or mu is not None:

@@ -28,11 +28,11 @@ JOINTS, SHIFTS = 0.05, 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressingTogether:
-    """How a hand's k contacts go in together.
+    """How the depths of a hand's k contacts are coupled.
 
     Attributes:
         moves: depth by joint motion (k, n) [m per rad or m].
-        shifts: depth that is lost as the object moves (k, 6): twists about its centre of mass, linear first [m/m,
+        shifts: depth that is lost when the object moves (k, 6): twists about its centre of mass, linear first [m/m,
             m/rad].
         rows: combinations of the depths (p, k) [-] that neither joints nor the object's shift can change: zero.
     """
@@ -45,10 +45,10 @@ class PressingTogether:
 
 
 def pressing_together(hand: HandModel, contacts: ContactSet, q: ArrayLike) -> PressingTogether:
-    """How the contacts of a hand that is closed at the posture ``q`` (n,) [rad or m] go in together.
+    """Compute how the depths of the contacts are coupled for a hand closed in the posture ``q`` (n,) [rad or m].
 
     Raises:
-        InvalidInput: contacts that were made without a hand.
+        InvalidInput: the contacts were made without a hand.
     """
     model, data = instance_of("hand", hand, HandModel).model, hand.model.createData()
     instance_of("contacts", contacts, ContactSet)

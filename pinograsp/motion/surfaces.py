@@ -84,8 +84,8 @@ def press_closed(
 
 
 def normal_at_rest(hand: HandModel, solution: ForceSolution) -> Array | None:
-    """Normal forces (k,) [N] that a closed hand leaves of a solution once the object is let go, with the hand's own
-    servos; None where that is not foreseen.
+    """Predict the normal forces (k,) [N] of a closed hand after the object is let go, with the hand's own servos; None
+    if they cannot be predicted.
     """
     instance_of("hand", hand, HandModel)
     posture = instance_of("solution", solution, ForceSolution).problem.contacts.posture

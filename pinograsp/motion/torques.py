@@ -84,11 +84,12 @@ def contact_torques(jacobians: Array, wrenches_o: Array) -> Array:
 
 
 def effort_of(hand: HandModel, torque_limit: TorqueLimit) -> Array:
-    """Largest |torque| per joint (n,) [N m] that a ``torque_limit`` means; infinity: not limited.
+    """Return the largest |torque| per joint (n,) [N m] for a ``torque_limit``; infinity: not limited.
 
     Args:
-        hand: whose joints they are.
-        torque_limit: (n,) or one number; ``"effort"``: the hand's own effort limits, where a joint has one; None: none.
+        hand: the hand with these joints.
+        torque_limit: (n,) or one number; ``"effort"``: the hand's own effort limits, for joints that have one; None: no
+            limit.
     """
     instance_of("hand", hand, HandModel)
     limit = given_limit(torque_limit)
@@ -141,9 +142,10 @@ def soften_servos(hand: HandModel, torques: Array) -> Array | None:
 
 
 def torques_matter(hand: HandModel, limit: Array | None) -> bool:
-    """Whether forces depend on the torques of ``hand``: by a ``limit`` (n,) [N m], or since drives move joints at once.
+    """Whether forces depend on the torques of ``hand``: through a ``limit`` (n,) [N m], or because drives move several
+    joints.
 
-    None: torques are left out.
+    None: torques do not count.
     """
     instance_of("hand", hand, HandModel)
     if limit is None:
@@ -194,15 +196,16 @@ def _one_row_each(rows: Array, stopped: BoolArray) -> Array:
 def preload_slope(
     hand: HandModel, contacts: ContactSet, q: ArrayLike, forces_o: ArrayLike, *, depth: ArrayLike = 0.0
 ) -> Array:
-    """Slope of J^T f over q (n, n) [N m/rad, N or N/m] of forces that keep their size and direction in the world.
+    """Compute the slope of J^T f over q (n, n) [N m/rad, N or N/m] for forces of constant size and direction in the
+    world.
 
-    What they add to the stiffness of the joints that hold them (``object_stiffness(joint_preload=...)``): negative
-    where a finger is pressed together, as a column that may buckle. By central differences.
+    This is what the forces add to the stiffness of the joints (``object_stiffness(joint_preload=...)``): negative if a
+    finger is compressed, like a column that may buckle. The method is central differences.
 
     Args:
         hand: the hand.
-        contacts: where it touches the object.
-        q: the posture (n,) [rad] at which it does.
+        contacts: its contacts on the object.
+        q: the posture in which it touches (n,) [rad].
         forces_o: on the object (k, 3) [N], world axes.
         depth: penetration of the contact points along their normals at ``q`` [m], one or (k,).
 
@@ -240,21 +243,21 @@ def torque_limits(
     limit: TorqueLimit = "effort",
     gravity_o: ArrayLike = (0.0, 0.0, -9.81),
 ) -> TorqueLimits:
-    """What the joints of ``hand`` can bear while holding still at ``q`` (n,) [rad]: for ``ForceProblem(torques=...)``.
+    """Return the torque limits of ``hand`` at rest in the posture ``q`` (n,) [rad], for ``ForceProblem(torques=...)``.
 
-    Each contact point, pressed in by ``depth``, is taken as a point of its link at ``q``; gravity torques are the bias.
+    Each contact point, pressed in by ``depth``, counts as a point of its link at ``q``; gravity torques are the bias.
 
     Args:
         hand: the hand.
-        contacts: where it touches the object.
-        q: the posture (n,) [rad] at which it does.
+        contacts: its contacts on the object.
+        q: the posture in which it touches (n,) [rad].
         depth: penetration of the contact points along their normals at ``q`` [m], one or (k,): at t_F the links have
-            gone that far (``solution.profile.final_depth``).
+            this depth (``solution.profile.final_depth``).
         limit: largest |torque| per joint (n,) [N m] (a number applies to all), or ``"effort"``, the default: the hand's
-            own effort limits, or its drives' where these are less; joints without one are not limited.
+            own effort limits, or its drives' if these are lower; joints without one are not limited.
         gravity_o: gravity (3,) [m/s^2].
 
-    The equations of a hand with fewer drives than joints (tendons, springs) come with it.
+    The limits include the equations of a hand with fewer drives than joints (tendons, springs).
 
     Raises:
         InvalidInput: contacts without links, or a hand without any effort limit.

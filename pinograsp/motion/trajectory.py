@@ -47,17 +47,18 @@ _MOST_TIMES = 200_000  # steps of a motion
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionSpec:
-    """How the motion is built.
+    """Settings of the motion.
 
     Attributes:
         posture: ``{finger: joint angles at contact}`` [rad], around which redundant joints are sampled; a finger that
-            does not touch moves there on a path of its own. Missing fingers: see ``contact_postures``, or they stay.
+            does not touch moves there on its own path. For missing fingers see ``contact_postures``; they stay if they
+            do not touch.
         start: ``{finger: joint angles at t = 0}`` [rad]; default all 0.
         spread: half-width of the sampling [rad].
         samples: number of samples.
         time_step: largest step between samples [s].
         acceleration_at_start: ``"rest"`` (ddq = 0) or ``"paper"`` (ddq = -ddq at impact).
-        table: what closing fingers are to keep above; None: nothing.
+        table: the table above which closing fingers stay; None: no table.
     """
 
     posture: Mapping[str, ArrayLike] | None = None
@@ -88,18 +89,20 @@ def plan_motion(
     *,
     corrected: bool = True,
 ) -> Motion:
-    """Joint motion and torques that carry out ``solution``; of robust forces the squeeze, under the problem's own load.
+    """Plan the joint motion and torques that execute ``solution``; for robust forces, the squeeze under the problem's
+    own load.
 
-    Every contact-phase posture of every finger is taken through grasp and approach phase; per finger the one with the
-    least infinity norm of its torques over both phases is kept (the palm is fixed, so fingers do not disturb each
-    other and the hand's norm is then least). Postures that stay inside the joint limits and on the path come first.
+    The planner tries every contact-phase posture of every finger in the grasp and approach phases. For each finger it
+    keeps the posture with the least infinity norm of its torques over both phases; because the palm is fixed, fingers
+    do not disturb each other and the hand's norm is then least. Postures that stay inside the joint limits and on the
+    path come first.
 
     Args:
         hand: the hand.
-        solution: its forces.
+        solution: the forces.
         spec: postures and sampling; default: :class:`MotionSpec`.
-        corrected: whether a closed hand presses to other depths where friction and servos leave other forces at rest;
-            not for a squeeze on contacts of several stiffnesses, of which it would suit one.
+        corrected: whether a closed hand presses to other depths if friction and servos change the forces at rest. Not
+            for a squeeze for contacts of several stiffnesses, because the correction fits only one of them.
 
     Raises:
         ContactNotReached: a finger has no posture at its contact points.
