@@ -29,9 +29,9 @@ BLOCK = 1024  # postures at once
 
 
 class Certifier:
-    """A hand, an object and what is asked of its grasps, prepared once for any number of postures.
+    """A hand, an object and the conditions of its grasps, prepared once for any number of postures.
 
-    Arguments and errors as of :func:`certify`.
+    Arguments and errors are those of :func:`certify`.
     """
 
     def __init__(
@@ -62,10 +62,10 @@ class Certifier:
         return self._certify(q, placed, commands)
 
     def jaws(self, roots: ArrayLike) -> Certificates:
-        """The certificates of jaws (a hand of one joint) that close with their root at ``roots`` (N, 4, 4).
+        """Certify jaws (a hand of one joint) that close with their root at ``roots`` (N, 4, 4).
 
         They close until they touch, see :func:`~pinograsp.contacts.jaw_closing.close_jaws`. As commanded (``commanded``
-        or a protocol), they are told to close all the way, and press with what their motor has.
+        or a protocol), they are commanded to close completely, and press with the effort of their motor.
         """
         placed = array_of("roots", roots, (None, 4, 4))
         placed = placements_of("roots", placed, len(placed))
@@ -100,36 +100,37 @@ def certify(
     commands: Commands | None = None,
     **options: Unpack[CertifyArguments],
 ) -> Certificates:
-    """Whether grasps hold ``body``, each by its posture: forces, torques, reserve, or the reason; without any motion.
+    """Certify whether grasps hold ``body``, each from its posture: forces, torques, reserve, or the reason; without any
+    motion.
 
     Args:
         hand: the hand.
-        body: the object, where it is.
+        body: the object, in its place.
         postures: of the joints (N, n) [rad or m], in the order of ``hand.joint_names``; coupled joints follow.
-        conditions: friction, gravity, torque limits and the reserve. A grasp is held where one squeeze holds the weight
-            and all that the reserve adds, as :func:`~pinograsp.forces.bulk.elastic.find_offsets` tells.
-        roots: oMh, where the hand's root is in the world for each posture (N, 4, 4); None: where the hand is.
-        commands: what the motors are told for each posture, as data sets have it: the second verdict, whether the grasp
+        conditions: friction, gravity, torque limits and the reserve. A grasp is held if one squeeze holds the weight
+            and everything that the reserve adds, see :func:`~pinograsp.forces.bulk.elastic.find_offsets`.
+        roots: oMh, the hand's root frame in the world for each posture (N, 4, 4); None: that of the hand.
+        commands: commands of the motors for each posture, as in data sets, for the second verdict: whether the grasp
             holds *as commanded*.
         **options: what counts as a contact and as held:
 
             - ``tolerance``: distance from the surface [m] up to which a link touches, outside or inside (2 mm); deeper
               ones penetrate.
             - ``palm``: whether the palm's contact counts (True).
-            - ``patches``: a contact at up to four corners of a flat area (True); else one in its middle.
-            - ``exact``: where the quick way finds no squeeze for the reserve, solve the full program, some 10 ms each
-              (True); else such grasps are ``RESERVE`` without more ado.
-            - ``drives``: whether forces that the hand's drives cannot make together are no grasp (True); ``producible``
-              tells it anyway.
-            - ``protocol``: a benchmark of others, whose loads take the place of the weight and the reserve
-              (:data:`~pinograsp.certification.PROTOCOLS`); conditions as :meth:`Protocol.conditions
-              <pinograsp.certification.Protocol.conditions>` has them.
-            - ``commanded``: grasps without ``commands`` are tried with position references that make the torques of
-              their certified forces (False).
+            - ``patches``: contacts at up to four corners of a flat area (True); else one in its middle.
+            - ``exact``: if the quick method finds no squeeze for the reserve, solve the full program, some 10 ms each
+            (True); else such grasps are ``RESERVE`` at once.
+            - ``drives``: whether to reject forces that the hand's drives cannot produce together (True); ``producible``
+            has this in any case.
+            - ``protocol``: a published benchmark whose loads replace the weight and the reserve
+            (:data:`~pinograsp.certification.PROTOCOLS`), with the conditions of :meth:`Protocol.conditions
+            <pinograsp.certification.Protocol.conditions>`.
+            - ``commanded``: try grasps without ``commands`` with position references that produce the torques of their
+            certified forces (False).
             - ``threads``: of the compiled core, which finds touches and forces; one for each core by default.
 
     Raises:
-        InvalidInput: shapes that do not go together, a hand without geometry, or conditions that cannot be used.
+        InvalidInput: shapes that do not match, a hand without geometry, or conditions that cannot be used.
         ExtraMissing: the compiled core, or for objects that are not convex coacd (extra ``mesh``).
     """
     return Certifier(hand, body, conditions, **options)(postures, roots, commands)

@@ -20,15 +20,15 @@ _TURNS = 0.1  # of the largest share of motions in depths: smaller ones are no w
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Commands:
-    """What the motors of a hand are told, one posture after the other: before the grasp, the grasp, and the one that
-    squeezes, as a rule.
+    """The commands of a hand's motors, one posture after the other: usually before the grasp, the grasp, and the one
+    that squeezes.
 
     Attributes:
-        q: s postures of each of N grasps (N, s, n) [rad or m], of which the first is where the joints start.
-        roots: oMh of the hand's root with each (N, s, 4, 4).
+        q: s postures for each of N grasps (N, s, n) [rad or m]; the joints start in the first.
+        roots: oMh of the hand's root for each posture (N, s, 4, 4).
 
     Raises:
-        InvalidInput: shapes that do not go together, or fewer than two postures.
+        InvalidInput: shapes that do not match, or fewer than two postures.
     """
 
     q: Array

@@ -19,19 +19,19 @@ class Protocol:
 
     Attributes:
         name: of the benchmark.
-        mass: of each object [kg]; None: by its density.
-        density: of each object [kg/m^3]; None: by its mass.
+        mass: of each object [kg]; None: from its density.
+        density: of each object [kg/m^3]; None: from its mass.
         mu: friction coefficient [-].
         torsion: largest moment about a normal per newton [m].
         pulls: accelerations of the object, in the axes of the file's world (l, 3) [m/s^2], one after the other.
         distance: how far the object may go [m].
         angle: how far it may turn [rad].
         stiffness: of a contact in the benchmark's engine [N/m].
-        tolerance: distance from the surface up to which a link touches [m], as good as its files are.
-        source: where this is from.
-        servo: gain of a servo without limit at each joint [N m/rad or N/m], which the benchmark has in place of the
-            hand's drives; None: it has the drives.
-        lenient: whether links of the hand may overlap, and joints be beyond their limits, as in the benchmark.
+        tolerance: distance from the surface up to which a link touches [m], according to the accuracy of its files.
+        source: where these figures are published.
+        servo: gain of a servo without limit at each joint [N m/rad or N/m], if the benchmark uses one instead of the
+            hand's drives; None: it uses the drives.
+        lenient: whether links of the hand may overlap and joints exceed their limits, as in the benchmark.
     """
 
     name: str
@@ -51,11 +51,11 @@ class Protocol:
     __repr__ = brief("name", "mass", "density", "mu")
 
     def loads_on(self, mass: float) -> Array:
-        """The pulls at an object of that mass [kg] as wrenches about its centre of mass (l, 6) [N, N m]."""
+        """Return the pulls at an object of this mass [kg] as wrenches about its centre of mass (l, 6) [N, N m]."""
         return np.pad(mass * self.pulls, ((0, 0), (0, 3)))
 
     def hand(self, hand: HandModel) -> HandModel:
-        """A hand with the benchmark's servos."""
+        """Return a hand with the benchmark's servos."""
         if self.servo is None:
             return hand
         return hand.with_drives(
@@ -64,7 +64,7 @@ class Protocol:
         )
 
     def conditions(self) -> GraspConditions:
-        """Friction and limits as in the benchmark; without gravity, the pulls are all there is."""
+        """Return friction and limits as in the benchmark; without gravity, the pulls are the only loads."""
         limit: TorqueLimit = "effort" if self.servo is None else None
         return GraspConditions(mu=self.mu, gravity_o=np.zeros(3), reserve=None, torque_limit=limit)
 

@@ -46,18 +46,19 @@ _PADDED = ("links", "points_o", "normals_o", "gaps", "forces_o", "torsion")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Certificates:
-    """What :func:`~pinograsp.certification.certify` finds out about N grasps of one object by one hand.
+    """The results of :func:`~pinograsp.certification.certify` for N grasps of one object by one hand.
 
-    Up to k contacts each; entries beyond ``counts`` are zero. Not a number: there is no such value, see ``reason``.
+    Each grasp has up to k contacts; entries beyond ``counts`` are zero. NaN means that the value does not exist, see
+    ``reason``.
 
     Attributes:
         hand: the hand.
-        object: where it is.
+        object: the object, in its place.
         conditions: friction, limits and the reserve.
-        q: postures (N, n) [rad or m], put on the limits where they were a little beyond.
+        q: postures (N, n) [rad or m], moved to the limits if they were slightly beyond.
         roots: oMh of the hand's root (N, 4, 4).
-        reason: the code of a :class:`~pinograsp.errors.Status` each (N,); 0: held.
-        counts: contacts (N,), without links that cannot come to the surface while the others stay there.
+        reason: the code of a :class:`~pinograsp.errors.Status` for each grasp (N,); 0: held.
+        counts: number of contacts (N,), without links that cannot reach the surface while the others stay there.
         links: of each contact (N, k), an index into ``link_names``.
         link_names: names of the links.
         points_o: contact points (N, k, 3), world [m].
@@ -65,29 +66,28 @@ class Certificates:
         gaps: distance of each contact's link from the surface (N, k) [m], negative inside.
         forces_o: contact forces on the object under its weight (N, k, 3), world [N].
         torsion: moments about the normals (N, k) [N m].
-        torques: that hold them and the hand itself (N, n) [N m or N].
+        torques: joint torques for these forces and the hand's own weight (N, n) [N m or N].
         reserve: multiple of the reserve's disturbances that these forces withstand before a contact slips (N,) [-];
             below 1 the largest that was found.
-        weakest: the disturbance that it withstands least (N, 6), as large as the reserve has it: a wrench about the
-            centre of mass, on top of the weight [N, N m]; zero where there are no forces. ``reserve`` times it makes a
-            contact slip.
+        weakest: the disturbance that the grasp withstands least (N, 6), of the size in the reserve: a wrench about the
+            centre of mass, besides the weight [N, N m]; zero without forces. ``reserve`` times it makes a contact slip.
         least_mu: least friction coefficient with which some forces hold the weight (N,) [-]; infinity: none up to 2.
-        antipodal_mu: of grasps by two links, the least friction coefficient with which they can squeeze the object (N,)
-            [-]: tan of the larger angle between a normal and the line through both (Nguyen 1988), as GraspNet-1Billion
-            scores jaws; infinity where they do not face each other, and for all other grasps.
-        largest_load: the largest weight that the hand certainly holds within its torque limits (N,) [N]; infinity where
-            it has none.
+        antipodal_mu: for grasps by two links, the least friction coefficient with which they can squeeze the object
+            (N,) [-]: tan of the larger angle between a normal and the line through both points (Nguyen 1988),
+            GraspNet-1Billion's score for jaws; infinity if they do not face each other, and for all other grasps.
+        largest_load: the largest weight that the hand certainly holds within its torque limits (N,) [N]; infinity
+            without limits.
         effort: largest share of a joint's torque limit (N,) [-].
-        producible: whether there are forces that the hand's drives can make, within its torque limits (N,).
+        producible: whether the hand's drives can produce holding forces, within its torque limits (N,).
         unproducible: share of the depths pressed that the hand's joints cannot choose (N,) [-].
         residual: of the balance (N,) [N, moments over the contacts' mean distance].
-        depth: of the deepest link beyond the tolerance (N,) [m]; negative where no link touches: how far the nearest
-            one is off, up to 0.1 m; 0: neither.
+        depth: of the deepest link beyond the tolerance (N,) [m]; negative if no link touches: the distance of the
+            nearest one, up to 0.1 m; 0: neither.
         excess: how far joints were beyond their limits (N, n) [rad or m].
         commanded: which grasps had commands that were tried (N,).
-        held_as_commanded: which of them the hand holds under all loads, as it is told (N,).
-        moved: how far the object goes, from where it was before the hand closed, at most under any load (N,) [m].
-        turned: likewise (N,) [rad].
+        held_as_commanded: which of them the hand holds as commanded under all loads (N,).
+        moved: how far the object moves from its place before the hand closed, at most under any load (N,) [m].
+        turned: how far it turns, in the same sense (N,) [rad].
         pressed: normal forces of all links (N, l) [N] after the squeeze as commanded, before any load.
         elapsed: computing time by stage [s].
     """
@@ -132,7 +132,7 @@ class Certificates:
 
     @classmethod
     def join(cls, blocks: Sequence[Certificates]) -> Certificates:
-        """Certificates of one hand, object and conditions, one after the other.
+        """Join certificates of one hand, object and conditions, one after the other.
 
         Raises:
             InvalidInput: none.
@@ -162,8 +162,8 @@ class Certificates:
 
     @property
     def possible(self) -> BoolArray:
-        """Which grasps can hold the object (N,): by forces that are certified, or as commanded, where links and fingers
-        settle elsewhere than the posture says.
+        """Which grasps can hold the object (N,): by certified forces, or as commanded, where links and fingers settle
+        in another posture.
         """
         possible: BoolArray = self.held | self.held_as_commanded
         return possible
@@ -176,11 +176,11 @@ class Certificates:
 
     @property
     def hint(self) -> str:
-        """What to look at where nearly all grasps are misplaced; empty where they are not: :func:`placement_hint`."""
+        """What to check if nearly all grasps are misplaced, otherwise empty: :func:`placement_hint`."""
         return placement_hint(self.reason, self.depth)
 
     def describe(self) -> str:
-        """How many hold, why the others do not, and the hint."""
+        """Describe how many hold, why the others do not, and the hint."""
         counts = Counter(sorted(self.reason.tolist())).most_common()
         lines = [f"{self.held.sum()} of {len(self)} grasps hold"]
         if self.commanded.any():
@@ -196,7 +196,7 @@ class Certificates:
         return self.describe()
 
     def words(self, i: int) -> str:
-        """Why grasp i does not hold, or that it does, with its figures; :class:`~pinograsp.errors.InvalidInput` where
+        """Say why grasp i does not hold, or that it does, with its figures; :class:`~pinograsp.errors.InvalidInput` if
         there is no such grasp.
         """
         i = self._number(i)
@@ -237,7 +237,8 @@ class Certificates:
         return "; ".join(dict.fromkeys(ratio.why for ratio in self.hand.ratios)) or "links share joints"
 
     def contacts(self, i: int) -> ContactSet:
-        """The contacts of grasp i, with its posture, for the rest of the package; of ``hand.placed(roots[i])``.
+        """Return the contacts of grasp i, with its posture, for the rest of the package; they belong to
+        ``hand.placed(roots[i])``.
 
         Raises:
             InvalidInput: it has none, or there is no such grasp.
@@ -271,14 +272,14 @@ class Certificates:
         return ContactSet(contacts=tuple(found), com_o=self.object.com_o, posture=self.q[i])
 
     def problem(self, i: int) -> ForceProblem:
-        """The force problem of grasp i, without the reserve, as :func:`~pinograsp.forces.optimize_grasp` takes it."""
+        """Return the force problem of grasp i, without the reserve, for :func:`~pinograsp.forces.optimize_grasp`."""
         return self.conditions.problem(self.object, self.contacts(i))
 
 
 def decisive_hint(counts: Mapping[str, int]) -> str:
-    """What would change the answer, where one reason decides half of the grasps or more; empty where none does.
+    """Say what would change the answer if one reason decides half of the grasps or more; empty if none does.
 
-    ``counts``: of grasps by their reason.
+    ``counts``: number of grasps by reason.
     """
     total = sum(counts.values())
     for reason, way in _DECISIVE.items():
@@ -289,15 +290,14 @@ def decisive_hint(counts: Mapping[str, int]) -> str:
 
 
 def placement_hint(reasons: ArrayLike, depths: ArrayLike, what: str = "the object") -> str:
-    """What to look at where nearly all grasps of an object are in it, off it, or beyond the joints' limits.
+    """Say what to check if nearly all grasps of an object penetrate it, miss it, or exceed the joints' limits.
 
     Args:
-        reasons: the code of a :class:`~pinograsp.errors.Status` each (N,).
-        depths: likewise, as in :class:`Certificates` (N,) [m].
+        reasons: the code of a :class:`~pinograsp.errors.Status` for each grasp (N,).
+        depths: for each grasp, as in :class:`Certificates` (N,) [m].
         what: the object, in words.
 
-    Returns:
-        A sentence; empty where too many are neither, or there are fewer than five.
+    Returns: A sentence; empty if too many grasps are none of these, or there are fewer than five.
     """
     reason, depth = np.asarray(reasons), np.asarray(depths, dtype=float)
     inside = reason == Status.PENETRATES.code

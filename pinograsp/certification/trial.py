@@ -22,11 +22,11 @@ _SAMPLES, _IMPACT, _FINAL = 101, 0.8, 1.0  # of the commands [s]
 
 
 def make_trial(certificates: Certificates, i: int) -> Task:
-    """Grasp i for :func:`~pinograsp.simulation.simulate`: its own posture, forces and torques.
+    """Make a trial of grasp i for :func:`~pinograsp.simulation.simulate`, with its own posture, forces and torques.
 
-    The hand closes from 5 mm off the object to where the links of its contacts are as deep as the contact law asks for
-    the forces, by the least change of posture, and sends the torques that hold them. What the joints cannot do, as
-    jaws of one motor that are to close a gap on one side, the object does: it is put where they meet it.
+    The hand closes from 5 mm away to the depths that the contact law needs for the forces, by the least change of
+    posture, and commands the torques that hold them. If the joints cannot do this, such as jaws of one motor with a gap
+    on one side, the object is moved to where they meet it.
 
     Raises:
         InvalidInput: no such grasp, or one without forces.
