@@ -79,7 +79,7 @@ class MonteCarlo:
             [rad or m], push [N], stiffness (factor), joint_offset [rad or m], joint_friction [N m or N], servo_gain
             (factor) and pose (displacement [m] and rotation vector [rad]).
         settings: of the simulations.
-        interrupted: whether Ctrl-C stopped the study; the rows are those until then.
+        interrupted: whether Ctrl-C stopped the study; it then has the rows until then.
         elapsed: [s].
     """
 
@@ -169,8 +169,8 @@ def monte_carlo(
         errors: their sizes, default :class:`Errors`.
         jobs: processes (joblib); -1: all cores.
         progress: bar on stderr: None (on a terminal), True or False.
-        folder: trials are written to ``monte_carlo.jsonl`` there as they are done. Trials found there, of the same plan
-            and settings, are not repeated (``count`` may differ).
+        folder: folder in which finished trials are written to ``monte_carlo.jsonl``. Trials of the same plan and
+            settings that are already there are not repeated (``count`` may differ).
         **settings: of :func:`~pinograsp.simulation.simulate`.
 
     Returns:

@@ -35,20 +35,20 @@ class Errors:
     Attributes:
         position: standard deviation of the object's position along world x, y, z: one number or (3,) [m].
         rotation: standard deviation of the object's rotation vector: one number or (3,) [rad].
-        friction: relative standard deviation of mu, the same factor for all contacts [-]; or a pair, between which mu
-            is uniform.
+        friction: relative standard deviation of mu, the same factor for all contacts [-]; or a pair of bounds between
+            which mu is uniform.
         mass: relative standard deviation of the object's mass [-]; the mass is at least a hundredth of the planned one.
         posture: standard deviation of the joints' positions at t = 0 [rad]; for sliding joints 30 mm per radian. The
             servos correct it during the approach. Set it to zero with ``mode="prescribed"``.
         push: largest force on the object's centre of mass, as a share of its weight at 9.81 m/s^2 [-]. Size and
             direction are uniform; start and duration are the defaults of :class:`~pinograsp.simulation.Push`.
-        stiffness: a pair, between which the factor of the contacts' K is, its logarithm uniform; 0: as planned.
-        joint_offset: standard deviation of what the joints' encoders read too much [rad]; for sliding joints 30 mm per
+        stiffness: a pair of bounds of the factor on the contacts' K, its logarithm uniform; 0: as planned.
+        joint_offset: standard deviation of the offsets of the joints' encoders [rad]; for sliding joints 30 mm per
             radian.
         joint_friction: largest dry friction of the joints [N m]; for sliding joints of a force 30 mm from its axis.
             Each is uniform from 0.
-        pose: the object displaced and turned by just so much, in a random direction: along its table and about the
-            table's normal, where the plan has one; None: it is not.
+        pose: the object is displaced and turned by exactly this error, in a random direction: along its table and about
+            the table's normal, if the plan has one; None: no such error.
         servo_gain: relative standard deviation of the servos' gains, the same factor for all joints [-]; it is at least
             a hundredth.
     """
@@ -100,7 +100,7 @@ class Errors:
         )
 
     def summary(self) -> dict[str, Any]:
-        """As plain JSON values; of the contacts' and the drives' errors those that are switched on."""
+        """As plain JSON values, with those of the contacts' and the drives' errors that are switched on."""
         return {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in asdict(self).items()

@@ -23,15 +23,15 @@ _SLIPS = 1e-3  # [m/s] slower than that a sensor of slip does not tell
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensors:
-    """What a simulated hand feels, and how well.
+    """The sensors of a simulated hand: what they measure, and how well.
 
     Attributes:
-        quantities: that are measured, of those of :class:`~pinograsp.reflex.Felt`.
+        quantities: measured quantities, of those of :class:`~pinograsp.reflex.Felt`.
         noise: standard deviation of forces, torques and wrenches, as a share of each contact's or joint's own [-].
-        offset: of those besides [N or N m].
+        offset: constant error of the same quantities [N or N m].
         delay: how long a measurement takes to arrive [s].
         loss: share of the measurements that are lost [-].
-        resolution: steps in which normal forces and forces are told [N]; 0: none.
+        resolution: resolution of normal forces and forces [N]; 0: not rounded.
         period: between ticks [s].
         seed: of noise and losses.
     """

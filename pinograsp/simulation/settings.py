@@ -50,8 +50,9 @@ class Servo:
             ``"torque"``: the plan's torques alone, with the joints' damping.
         closing: stiffness while the hand closes (n,) [N m/rad or N/m], damped in the ratio of the roots; a tenth of a
             second after t_F the joints are held where they are, with ``stiffness``. None: ``stiffness`` all the time.
-        pressing: joints (n,) that press with no more than the plan's torques, as jaws with a limit of force: from t_I
-            on they close on until they do, and nothing pushes them back; with ``"impedance"`` alone. None: no joint.
+        pressing: joints (n,) that press with no more than the plan's torques, like jaws with a force limit: from t_I on
+            they continue to close until they press, and nothing pushes them back; only with ``"impedance"``. None: no
+            joint.
 
     Raises:
         InvalidInput: values that are negative, torque control with a stiffness, or position control without one.
@@ -103,14 +104,14 @@ class Servo:
         damping: ArrayLike | None = None,
         control: Control = "impedance",
     ) -> Servo:
-        """Gains for a hand's servos.
+        """Return gains for a hand's servos.
 
-        Rotor inertias are those of the hand's description. Where joints are coupled, they are at least 1e-4 kg m^2
-        (0.11 kg for sliding joints), and the default damping is critical: MuJoCo's couplings are accurate only with
-        damping that need not be implicit.
+        Rotor inertias are those of the hand's description. If joints are coupled, they are at least 1e-4 kg m^2 (0.11
+        kg for sliding joints), and the default damping is critical: MuJoCo's couplings are accurate only with damping
+        that need not be implicit.
 
         Args:
-            hand: whose joints the servos move.
+            hand: the hand with these servos.
             stiffness: kp, one number or (n,); default: those of the hand's own drives, else 50 N m/rad, 55.6 kN/m for
                 sliding joints; none with torque control.
             damping: one number or (n,); default: 10 ms times the stiffness, with torque control times a tenth of the
@@ -145,8 +146,8 @@ class Servo:
         return cls(stiffness=0.0 * chosen if torque else chosen, damping=damped, rotor=rotor, control=control)
 
     def scale_gains(self, factor: ArrayLike) -> Servo:
-        """With ``factor`` times the gains, stiffness and damping, one number or (n,); torque control has none, its
-        damping is the joints'.
+        """Return servos with ``factor`` times the stiffness and damping, one number or (n,); torque control has no
+        gains, and its damping is the joints'.
 
         Raises:
             InvalidInput: a factor that is not above 0.
@@ -160,14 +161,14 @@ class Servo:
         return replace(self, stiffness=factor * self.stiffness, damping=factor * self.damping, closing=closing)
 
     def while_closing(self) -> Servo:
-        """The same with the gains that it has while the hand closes."""
+        """Return the same servos with the gains for closing."""
         if self.closing is None:
             return self
         ratio = np.sqrt(self.closing / self.stiffness)
         return replace(self, stiffness=self.closing, damping=ratio * self.damping, closing=None)
 
     def summary(self) -> dict[str, Any]:
-        """Control and stiffness as plain values; one number where all joints have the same."""
+        """Control and stiffness as plain values; one number if all joints have the same."""
         kp = self.stiffness.tolist()
         return {"control": self.control, "stiffness": kp[0] if len(set(kp)) == 1 else kp}
 
@@ -185,7 +186,7 @@ class Push:
 
     Attributes:
         wrench_o: about the object's centre of mass, world axes, linear first (6,) [N, N m].
-        start: counted from when the object's support is gone [s].
+        start: time after the object's support is gone [s].
         duration: [s].
     """
 
@@ -209,15 +210,16 @@ class Push:
 class BaseMotion:
     """A motion of the hand's base, by its acceleration: the base does not turn.
 
-    The simulation moves along with the base: hand and object feel inertial forces. Between the times the acceleration
-    is linear, before the first and after the last one it is zero.
+    The simulation moves along with the base: hand and object feel inertial forces. Between these times the acceleration
+        is linear; before the first and after the last one it is zero.
 
     Attributes:
-        times: that grow, counted from t_F (m,) [s].
+        times: increasing, counted from t_F (m,) [s].
         accelerations: of the base at these times (m, 3) [m/s^2], world axes, as gravity's.
 
     Raises:
-        InvalidInput: fewer than two times, times before 0 or that do not grow, or accelerations that do not fit.
+        InvalidInput: fewer than two times, times that are negative or do not increase, or accelerations that do not
+            match.
     """
 
     times: Array
@@ -238,10 +240,10 @@ class BaseMotion:
 
     @classmethod
     def through(cls, times: ArrayLike, positions: ArrayLike) -> BaseMotion:
-        """The motion through given positions: the cubic spline, at rest at both ends.
+        """Return the motion through given positions: the cubic spline, at rest at both ends.
 
         Args:
-            times: that grow, counted from t_F (m,) [s].
+            times: increasing, counted from t_F (m,) [s].
             positions: of the base at these times (m, 3) [m], world axes.
 
         Raises:
@@ -261,7 +263,7 @@ class BaseMotion:
         return replace(resting, accelerations=accelerations)
 
     def at(self, since: float) -> Array:
-        """The acceleration (3,) [m/s^2] at a time after t_F [s]."""
+        """Return the acceleration (3,) [m/s^2] at a time after t_F [s]."""
         since = number("time since t_F", since, unit="s")
         columns = self.accelerations.T
         return np.array([np.interp(since, self.times, column, left=0.0, right=0.0) for column in columns])
@@ -271,10 +273,9 @@ class BaseMotion:
 class Disturbance:
     """Differences between the simulation and the plan.
 
-    A contact stiffness other than planned: the damping of the contacts changes so that an object on contacts that
-    bear the planned forces is damped as planned (the same damping ratio: lambda grows with the factor to the power of
-    1 + 1 / (2 rho)), and the tangential stiffness changes as the normal one does at these forces (to the power of
-    1 / rho).
+    With another contact stiffness, the damping of the contacts changes so that an object on contacts with the planned
+    forces is damped as planned (the same damping ratio: lambda grows with the factor to the power of 1 + 1 / (2 rho)),
+    and the tangential stiffness changes as the normal one does at these forces (to the power of 1 / rho).
 
     Attributes:
         pushes: wrenches on the object.
@@ -287,14 +288,14 @@ class Disturbance:
         object_offset: displacement of the object before the hand moves (3,) [m]; it shifts the contact points.
         object_turn: rotation vector of the object before the hand moves (3,) [rad].
         start_error: of the joints at t = 0 (n,) [rad or m]; None: no error.
-        joint_offset: what the joints' encoders read less the true positions, one number or (n,) [rad or m].
+        joint_offset: reading of the joints' encoders minus the true positions, one number or (n,) [rad or m].
         joint_friction: dry friction of the joints, one number or (n,) [N m or N].
         servo_gain: ratio of the servos' stiffness and damping to those of :class:`Servo`; with torque control, which
             has no servos, of the motors' torques to the plan's.
-        drive_gain: ratio of what the drives make to what they are told, servos and torques alike, one number or (n,):
-            torque constants, and what friction takes.
-        command_delay: how much later than sent the drives follow a command, one number or (n,) [s]; who holds the
-            object until then waits for the last of them.
+        drive_gain: ratio of the drives' efforts to the commanded ones, for servos and torques alike, one number or
+            (n,): errors of torque constants, and losses to friction.
+        command_delay: delay with which the drives follow a command, one number or (n,) [s]; the object's support waits
+            for the slowest of them.
     """
 
     pushes: tuple[Push, ...] = ()
@@ -393,7 +394,7 @@ class Disturbance:
         return total
 
     def summary(self) -> dict[str, Any]:
-        """What differs from the plan, as plain values."""
+        """The differences from the plan, as plain values."""
         values: dict[str, Any] = {}
         if self.pushes:
             values["pushes"] = [

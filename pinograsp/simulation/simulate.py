@@ -43,27 +43,27 @@ def simulate(
 
     The object is fixed until the grasp is complete (t_F, as in the paper), or stands on the plan's table; then it is
     let go. The hand has the plan's geometry (exact primitives and ellipsoids, convex hulls of meshes), masses and
-    torque limits; the object has its own shape, of a mesh that is not convex its triangles. A position servo at every
+    torque limits. The object has its own shape; for a mesh that is not convex, its triangles. A position servo at every
     joint follows the plan's trajectory, softer while the hand closes, with the plan's torques as feed-forward, or
     either of the two alone (:class:`Servo`). The contact forces follow the plan's law (Eq. 4), implemented again in
     :mod:`pinograsp.simulation.law`.
 
     Args:
         plan: a plan, the folder of a run, or a task.
-        mode: ``"servo"``; or ``"prescribed"``: joints follow the commands exactly, whatever torque that takes (as in
-            the paper's Adams model).
+        mode: ``"servo"``; or ``"prescribed"``: joints follow the commands exactly, with any torque (as in the paper's
+            Adams model).
         disturbance: differences from the plan.
         release: False: the object stays fixed to the end.
-        body: the object, where the plan has none.
-        controller: called from t_F on with what is felt (:class:`~pinograsp.reflex.Felt`); what it returns
-            (:class:`~pinograsp.reflex.Command`) is what the drives are sent from then on. None: as planned.
-        sensors: what it feels, how late, and with what noise; None: :class:`Sensors` as it is.
+        body: the object, if the plan has none.
+        controller: called from t_F on with the measurements (:class:`~pinograsp.reflex.Felt`); it returns the commands
+            of the drives (:class:`~pinograsp.reflex.Command`). None: as planned.
+        sensors: what they measure, how late, and with what noise; None: the defaults of :class:`Sensors`.
         **settings: hold, servo, time_step, sample, support and letting_go, as for
             :class:`~pinograsp.simulation.options.SimulationOptions`.
 
     Raises:
         InvalidInput: a plan without contacts of a hand, or unusable settings.
-        SimulationDiverged: velocities beyond reason: take a smaller time step or softer servos.
+        SimulationDiverged: velocities beyond reason: use a smaller time step or softer servos.
     """
     task = Task.of(plan, body)
     disturbance = Disturbance() if disturbance is None else disturbance

@@ -109,16 +109,17 @@ def slip_threshold(
     disturbance: Disturbance | None = None,
     **settings: Unpack[StudySettings],
 ) -> SlipThreshold:
-    """The smallest friction coefficient, the same for all contacts, with which a plan still holds.
+    """Find the smallest friction coefficient, the same for all contacts, with which a plan still holds.
 
-    Bisection between 0 and the plan's largest mu, or above it where that does not hold. A grasp need not hold with
-    every larger mu: the result is the bracket that was found, not a proof. Slip that is too slow for the verdict counts
-    as held: where a share e of the friction is missing, the object accelerates with e g; e = 0.1 % shows after 0.6 s.
+    The method is bisection between 0 and the plan's largest mu, or above it if that does not hold. A grasp need not
+    hold with every larger mu: the result is the bracket that was found, not a proof. Slip that is too slow for the
+    verdict counts as held: if a share e of the friction is missing, the object accelerates with e g; e = 0.1 % shows
+    after 0.6 s.
 
     Args:
         plan: as for :func:`~pinograsp.simulation.simulate`.
         tolerance: (held - lost) / held at the end [-].
-        planned: smallest mu by the planner's account, for comparison.
+        planned: smallest mu according to the planner, for comparison.
         jobs: processes; with more than one, further values are tried in advance. The result is the same.
         disturbance: other differences from the plan.
         **settings: of :func:`~pinograsp.simulation.simulate`.
@@ -144,7 +145,7 @@ def load_threshold(
     disturbance: Disturbance | None = None,
     **settings: Unpack[StudySettings],
 ) -> LoadThreshold:
-    """The largest mass factor of the object with which a plan still holds, with the plan's grip forces.
+    """Find the largest mass factor of the object with which a plan still holds, with the plan's grip forces.
 
     The planned mass is doubled until the object is lost, or halved until it is held; then bisection. A lighter object
     need not be held: the result is the bracket that was found. Arguments and errors: as for :func:`slip_threshold`;

@@ -30,14 +30,14 @@ _SOFTER = 4.0  # times softer and stiffer servos
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WhatHolds:
-    """What would have held an object that was lost, each with this change alone.
+    """What would have held a lost object, each change alone.
 
     Attributes:
-        changes: in words, with whether the object was held: each difference from the plan undone, other drives.
+        changes: changes in words, and whether the object was held: each difference from the plan undone, other drives.
         friction: least factor on the friction coefficients that held, see :class:`Threshold` [-].
         squeeze: least factor on the squeeze that held [-].
         mu: largest friction coefficient of the simulation that was lost [-].
-        weak: joints whose torque limits the least squeeze that held would need more than.
+        weak: joints for which the least squeeze that held would exceed the torque limits.
         margins: the plan's own; None: it has none.
     """
 
@@ -96,12 +96,12 @@ def what_holds(
 ) -> WhatHolds:
     """Simulate a plan that is lost again, with one change at a time, some 10 to 25 times.
 
-    Each difference from the plan is undone; motors that were at their torque limits have none; joints under torque
-    control have servos, too, and servos are four times softer, four times stiffer, and have the plan's torques as
-    feed-forward. Then bisection for the least friction, and for the least squeeze. A grasp
-    that squeezes s times as hard is simulated by all that loads the object divided by s, its weight, too: by Coulomb's
-    law the one holds where the other does, in rigid contacts. With errors that do not grow with the squeeze, as those
-    of the encoders, that is on the safe side. Torque limits are compared with s times the holding torques.
+    It undoes each difference from the plan, removes the torque limits of motors that reached them, adds servos to
+    joints under torque control, and makes servos four times softer, four times stiffer, and adds the plan's torques as
+    feed-forward. Then it searches by bisection for the least friction and the least squeeze. A grasp that squeezes s
+    times as hard is simulated by dividing all loads of the object by s, its weight included: by Coulomb's law, with
+    rigid contacts, the one holds if the other does. With errors that do not grow with the squeeze, such as those of the
+    encoders, this is on the safe side. Torque limits are compared with s times the holding torques.
 
     Args:
         plan: as for :func:`~pinograsp.simulation.simulate`.
@@ -111,7 +111,7 @@ def what_holds(
 
     Raises:
         InvalidInput: unusable settings, or a plan that holds.
-        SimulationDiverged: the plan's own simulation does.
+        SimulationDiverged: the plan's own simulation diverges.
     """
     tolerance = number("tolerance", tolerance, above=0)
     base = Disturbance() if disturbance is None else instance_of("disturbance", disturbance, Disturbance)
