@@ -121,7 +121,7 @@ def test_a_grasp_planned_elsewhere_is_in_the_same_hand(arm, grasp, scene):
 def test_plans_write_what_they_show(smoothed, tmp_path):
     page = smoothed.save_html(tmp_path / "deep" / "way.html")
     text = page.read_text(encoding="utf-8")
-    assert "On the way" in text and "__DATA__" not in text and page.stat().st_size < 5e6
+    assert "On the path" in text and "__DATA__" not in text and page.stat().st_size < 5e6
     image = imread(smoothed.picture(tmp_path / "way.png"))[..., :3]
     assert image.std() > 0.02 and image.shape[:2] == (640, 900)
     other = imread(smoothed.picture(tmp_path / "start.png", time=0.0, view=[1, 0.3, 0.2]))[..., :3]

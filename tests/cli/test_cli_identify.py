@@ -33,7 +33,7 @@ def test_closings_are_told_and_written_as_a_sheet_that_plans_read(command, log, 
     options = [*COUNTS, "--newtons", "0.01,0.1", "--cap", "3", "--for-force", "2.5", "--out", str(sheet)]
     code, out, err = command("identify", str(log), *options)
     assert code == 0, err
-    assert "under 3 N" in out and "for 2.5 N" in out and "24 closings" in out and "cannot tell" in out
+    assert "under 3 N" in out and "for 2.5 N" in out and "24 closings" in out and "not identified" in out
     (values,) = read_sheet(sheet)
     assert values["closing"]["unit"] == "N" and len(values["closing"]["peaks"]) == 6
     assert pg.load_hand("panda", drives=sheet).drives[0].closing.trials == (4,) * 6

@@ -101,7 +101,7 @@ def test_numpys_own_file_with_a_command_in_it_gives_the_rows_before(tmp_path, ca
         (b"cnumpy\nndarray\n)\x81.", "NEWOBJ"),
         (b"cnumpy\nndarray\n)}\x92.", "NEWOBJ_EX"),
         (b"Pxyz\n.", "PERSID"),
-        (b"K\x01Q.", "outside of it"),
+        (b"K\x01Q.", "outside the file"),
         (b"\x97.", "NEXT_BUFFER"),
         (b"\x8f(K\x01\x90.", "EMPTY_SET"),
         (b"(K\x01\x91.", "FROZENSET"),

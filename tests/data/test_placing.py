@@ -350,7 +350,7 @@ def test_isaacs_frame_is_given():
     rows = rows_of(
         "isaac", random_poses(2, 6), [[0.01], [0.02]], ["panda_finger_joint1"], hand_name="/World/panda_hand"
     )
-    with pytest.raises(InvalidInput, match="is not known: give"):
+    with pytest.raises(InvalidInput, match="are not known: give"):
         place_hand(rows, panda)
     poses, q = place_hand(rows, panda, frame="panda_hand")
     np.testing.assert_allclose(poses, rows.poses, atol=1e-12)

@@ -138,7 +138,7 @@ def test_more_than_a_drive_holds_for_long_and_less_than_its_backlash_are_caution
         pg.find_grasps(hand, body, pg.GraspConditions(mu=0.3), count=4, seed=1), pg.GraspConditions(mu=0.3)
     )
     force = heavy.forces.normal_forces.sum() / 2
-    assert any("holds for long" in caution for caution in heavy.cautions) == (force > 70)
+    assert any("continuous effort" in caution for caution in heavy.cautions) == (force > 70)
     drive = pg.load_hand("so101").drives[0]
     loose = pg.load_hand("so101").with_drives([replace(drive, backlash=1.0)])
     grasps = pg.find_grasps(loose, pg.Sphere(radius=0.02, mass=0.05), CONDITIONS, count=4, seed=1)

@@ -1136,9 +1136,9 @@ def test_a_box_that_a_hand_stands_in_is_noted_with_the_root_that_leaves_it_out(t
             joint(f"{name}_joint", "palm", name, f"{x} 0 0.01", "0 1 0", "-0.5 0.5 3 2"),
         ]
     hand = load_hand(write(tmp_path, robot("on_a_box", *parts)))
-    assert hand.palm == "palm" and any("inside of 'base'" in note for note in hand.notes) == inside
+    assert hand.palm == "palm" and any("inside 'base'" in note for note in hand.notes) == inside
     alone = load_hand(hand.source, root="palm")
-    assert not any("inside of" in note for note in alone.notes)
+    assert not any("are inside" in note for note in alone.notes)
 
 
 def test_an_arm_before_the_palm_is_noted_with_the_root_to_give(tmp_path):

@@ -140,9 +140,9 @@ def grasps(plan, count=8):
         (lambda q, roots: (q, roots @ pose_of([0, 0, 0.03])), "are in the object, [0-9.]+ mm deep in the median"),
         (
             lambda q, roots: (q, roots @ pose_of([0, 0, -0.09])),
-            "do not touch the object.*, [0-9.]+ mm off in the median",
+            "do not touch the object.*, [0-9.]+ mm away in the median",
         ),
-        (lambda q, roots: (q, roots @ pose_of([0, 0, -9.0])), "100 mm or more off"),
+        (lambda q, roots: (q, roots @ pose_of([0, 0, -9.0])), "100 mm or more away"),
         (lambda q, roots: (1e3 * q, roots), "beyond their limits"),
     ],
 )
@@ -163,7 +163,7 @@ def test_how_far_off_the_nearest_link_is_is_told(primitive):
     )
     assert (found.reason == Status.NO_CONTACT.code).all()
     assert found.depth[0] - found.depth[1] == pytest.approx(0.02, abs=1e-4) and found.depth[0] < 0
-    assert "mm off" in found.words(0)
+    assert "mm away" in found.words(0)
 
 
 def test_grasps_that_are_where_they_should_be_have_no_hint(primitive):
