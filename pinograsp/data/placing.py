@@ -114,8 +114,8 @@ def _choose_convention(
         which = (kind.ask if kind is not None else "") or f"convention=, one of {', '.join(CONVENTIONS)}"
         raise InvalidInput(
             f"rows: the frame and the joints of hand '{rows.hand_name}' in a file of format {rows.format} are not "
-            f"known: give {which}; or original=, the file's own description of the hand; or frame= or palm_in_root= with "
-            "joints="
+            f"known: give {which}; or original=, the file's own description of the hand; or frame= or palm_in_root= "
+            "with joints="
         )
     return None
 

@@ -258,7 +258,7 @@ def test_motors_that_act_one_way_hold_that_way_only(way, force, fits):
         effort = pg.plan_grasp_on(hand, body, conditions, progress=False).motion.holding_torques[0]
         assert least - 1e-9 <= effort <= most + 1e-9
         return
-    with pytest.raises(GraspInfeasible, match=f"drive grip .* makes {least:g} to {most:g}"):
+    with pytest.raises(GraspInfeasible, match=f"drive grip .* produces {least:g} to {most:g}"):
         pg.plan_grasp_on(hand, body, conditions, progress=False)
 
 
