@@ -24,7 +24,7 @@ def save_pick(
     simulation: PickSimulation | None = None,
     force: bool = False,
 ) -> Path:
-    """Write a pick into ``folder``, whole or not at all; returns it.
+    """Write a pick into ``folder``, completely or not at all; returns it.
 
     ``report.html`` and ``report.md`` (phase by phase), ``view.html`` (arm and hand as they move), ``pick.png``,
     ``pick.json`` (figures), ``record.json``, ``scene.json`` and ``pick.npz`` (the plan, for :func:`load_pick`), and the
@@ -33,12 +33,12 @@ def save_pick(
 
     Args:
         rate: of the trajectory's samples [Hz].
-        simulation: of :func:`simulate_pick`, for its figures.
-        force: replace what an earlier call wrote.
+        simulation: from :func:`simulate_pick`, for its figures.
+        force: replace the files of an earlier call.
 
     Raises:
-        InvalidInput: not a pick, an unusable rate, or what cannot be written down.
-        ResultsNotWritten: the folder exists and ``force`` is off, or the place cannot be written.
+        InvalidInput: not a pick, an unusable rate, or values that cannot be written.
+        ResultsNotWritten: the folder exists and ``force`` is off, or it cannot be written.
     """
     instance_of("plan", plan, PickPlan)
     instance_of("simulation", simulation, PickSimulation, type(None))
@@ -54,10 +54,10 @@ def save_pick(
 
 
 def load_pick(folder: str | Path) -> PickPlan:
-    """Read a pick back, with its robot, its object and what stands around.
+    """Read a pick back, with its robot, its object and its scene.
 
     Raises:
-        InvalidInput: the folder holds none, or one that is damaged or of another version.
-        HandNotLoaded: mesh files of the robot that are missing.
+        InvalidInput: the folder holds no pick, or one that is damaged or of another version.
+        HandNotLoaded: mesh files of the robot are missing.
     """
     return read_folder(folder, PickPlan, SCHEMA, _ARRAYS, "pick")

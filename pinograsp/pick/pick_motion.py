@@ -14,15 +14,16 @@ _LEAST_TILT = 0.01  # [rad] that postures, splines and rounding take
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PickMotion:
-    """How an arm goes.
+    """Settings of the arm's motion.
 
     Attributes:
-        lift: how far the object goes straight up, and comes straight down [m].
-        upright: how far the object may tilt while it is held [rad]; None: anyhow.
+        lift: distance by which the object goes straight up, and comes straight down [m].
+        upright: largest tilt of the held object [rad]; None: any.
         acceleration: largest |acceleration| of the arm's joints, one number or (n,) [rad/s^2 or m/s^2].
-        speed: largest |speed| likewise [rad/s or m/s]; None: the robot's own.
+        speed: largest |speed| of the arm's joints, one number or (n,) [rad/s or m/s]; None: the robot's own.
         object_speed: largest speed of the object [m/s]; None: any.
-        reserve: share of torques, speeds and accelerations, and of the grasp's friction on the way, kept free [-].
+        reserve: share of torques, speeds and accelerations, and of the grasp's friction along the path, that is kept
+            free [-].
     """
 
     lift: float = 0.1

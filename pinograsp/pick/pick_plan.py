@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PickPlan(PickRecord, Shown):
-    """Arm and hand from their start to the object, with it to its place, and back from it: see :class:`PickRecord`."""
+    """A plan of arm and hand from their start to the object, with it to its place, and back: see
+    :class:`PickRecord`.
+    """
 
     __repr__ = PickRecord.__repr__
 

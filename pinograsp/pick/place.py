@@ -22,12 +22,12 @@ _MEETS = 1e-3  # [m] by which an object may be in what it stands on
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlaceRegion:
-    """Anywhere on a level rectangle, along the world's axes.
+    """A level rectangle along the world's axes; the object may be put anywhere in it.
 
     Attributes:
         x, y: least and largest coordinates (2,) of the origin of the object's frame [m].
-        z: its height [m]; None: the one that it has.
-        turned: whether the object may be turned about the vertical; else it keeps the turn that it has.
+        z: height of that origin [m]; None: unchanged.
+        turned: whether the object may be turned about the vertical; else it keeps its rotation.
     """
 
     x: ArrayLike
@@ -45,7 +45,7 @@ class PlaceRegion:
         flag("turned", self.turned)
 
     def draw_poses(self, body: Body, up_o: Array, rng: np.random.Generator) -> list[Array]:
-        """Poses (4, 4) of the body's frame: the middle with the turn that it has, then any."""
+        """Draw poses (4, 4) of the body's frame: first the middle with the present rotation, then any."""
         (left, right), (near, far) = np.asarray(self.x), np.asarray(self.y)
         height = float(body.pose[2, 3]) if self.z is None else self.z
         found = [pose_of(((left + right) / 2.0, (near + far) / 2.0, height), body.pose[:3, :3])]

@@ -48,32 +48,33 @@ def plan_pick(
     jobs: int = -1,
     progress: bool | None = None,
 ) -> PickPlan:
-    """Take an object from where it stands, carry it, and put it down: grasp, ways, timing and torques.
+    """Plan to pick up an object, carry it, and put it down: grasp, paths, timing and torques.
 
-    Grasps of the hand are searched where the arm brings it and there is room; best first: there is a posture in which
-    nothing is hit (inverse kinematics by Pink), the open hand comes straight to it and leaves likewise, the object goes
-    straight up and is put straight down. The ways between are OMPL's; free ones are timed by TOPP-RA, held ones by
-    :func:`~pinograsp.carry.plan_carry` under the grasp's own limits.
+    The planner searches grasps where the arm can bring the hand and there is room, and tries the best first. A grasp
+    needs an arm posture without collisions (inverse kinematics by Pink). The open hand approaches and leaves in a
+    straight line; the object goes straight up and is put straight down. OMPL finds the paths between. TOPP-RA times the
+    paths of the free hand, and :func:`~pinograsp.carry.plan_carry` times the path with the object under the grasp's own
+    limits.
 
     Args:
-        robot: arm and hand in one model (:func:`~pinograsp.hands.attach`), its root where it is bolted.
-        body: the object, where it stands.
-        scene: what stands around.
+        robot: arm and hand in one model (:func:`~pinograsp.hands.attach`), with its root at the mount.
+        body: the object, in its place.
+        scene: the obstacles.
         conditions: of the grasp.
-        wishes: how it is to be held.
-        place: pose (4, 4) of the object's frame where it is to be put, or where it is to be with the turn that it
-            has (3,) [m], or a region, of which the first place that goes is taken; None: it is lifted, and that is all.
-        start: the arm's positions, ``{joint: position}`` [rad or m]; others as in its ``posture``. Without both, where
-            joints at 0 hit something, the middle of the joints' ranges.
-        motion: how the arm goes; None: :class:`PickMotion` as it is.
-        seed: of all that is random.
+        wishes: wishes for the grasp.
+        place: target pose (4, 4) of the object's frame, or its target position (3,) [m] with unchanged rotation, or a
+            region, in which the first possible place is used; None: only lift the object.
+        start: the arm's positions, ``{joint: position}`` [rad or m]; others as in its ``posture``. Without both, joints
+            are at 0, or in the middle of their ranges if they hit something at 0.
+        motion: settings of the arm's motion; None: the defaults of :class:`PickMotion`.
+        seed: of all random numbers.
         jobs: processes of the search.
         progress: of the search: bar on stderr: None (on a terminal), True or False.
 
     Raises:
-        InvalidInput: unusable values; a robot without an arm; a start that is not free; a place without room, or where
-            the object is not as upright as is wished.
-        PickFailed: no grasp, or none that goes: with what kept each from it.
+        InvalidInput: unusable values; a robot without an arm; a start in collision; a place without room, or one that
+            tilts the object more than allowed.
+        PickFailed: no grasp was found, or none is possible; the error gives the reasons.
         ExtraMissing: the extra ``arm`` is not installed.
     """
     clock = Stopwatch("search", "reach", "forces", "ways", "timing")

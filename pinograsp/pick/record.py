@@ -29,10 +29,10 @@ class PickPhase:
     """A part of the motion, from rest to rest; n joints of arm and hand.
 
     Attributes:
-        name: ``reach``, ``close``, ``carry`` (lift, way and putting down), ``open`` or ``leave``.
+        name: ``reach``, ``close``, ``carry`` (lift, path and putting down), ``open`` or ``leave``.
         times: (m,) [s], from 0.
         q, dq: (m, n) [rad, rad/s; m where joints slide].
-        torques: feed-forward (m, n) [N m or N], with the object's weight where the hand has it.
+        torques: feed-forward (m, n) [N m or N], with the object's weight while the hand holds it.
     """
 
     name: str

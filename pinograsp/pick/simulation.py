@@ -49,16 +49,16 @@ _KNOWN = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PickSimulation:
-    """What came of a pick.
+    """The result of a simulated pick.
 
     Attributes:
-        done: whether all of it came about.
-        failed: the first phase that did not: ``carry``, in which the object left its place in the hand; ``leave``: it
-            ended elsewhere; ``touched``: something was hit on the way; "": none.
+        done: whether all phases succeeded.
+        failed: the first failure: ``carry``: the object left its place in the hand; ``leave``: the object ended
+            elsewhere; ``touched``: the robot or the object hit something; "": none.
         moved, turned: of the object in the palm while it was carried [m], [deg].
-        off, off_angle: at the end from where it was to be put [m], [deg], of round objects that of their axis; None: it
-            was only lifted.
-        nearest: what came nearest to an obstacle, or to another part of the robot, and how near [m].
+        off, off_angle: final distance and rotation from the target pose [m], [deg], for round objects that of their
+            axis; None: it was only lifted.
+        nearest: the pair that came nearest to each other, of robot, object and obstacles, and its distance [m].
         times: of the samples (m,) [s].
         q: joint positions (m, n).
         object_poses: of the object's frame (m, 4, 4).
@@ -110,21 +110,21 @@ class PickSimulation:
 
 
 def simulate_pick(plan: PickRecord, *, disturbance: Disturbance | None = None) -> PickSimulation:
-    """Play a pick with a free object, and judge each phase.
+    """Simulate a pick with a free object, and judge each phase.
 
-    The object stands on a plane where it is taken and where it is put; contacts of the hand follow the grasp's law with
+    The object stands on a plane at its start and at its target; contacts of the hand follow the grasp's law with
     friction (:mod:`pinograsp.simulation.law`); arm and hand have a servo at each joint, with the plan's torques as
-    feed-forward. While the hand closes its servos are as soft as the grasp's plan has them (``closing_stiffness``);
-    when the object is taken up the fingers are held where they have come to, and keep that distance from their
-    commands until they open. What else is around is looked at: what the robot, or the object, came nearest to.
+    feed-forward. While the hand closes, its servos have the plan's ``closing_stiffness``. When the object is lifted,
+    the fingers are held where they are, and keep that distance from their commands until they open. The simulation also
+    measures the least distance of robot and object from obstacles.
 
     Args:
-        plan: of :func:`~pinograsp.pick.plan_pick`.
+        plan: from :func:`~pinograsp.pick.plan_pick`.
         disturbance: differences from the plan: mu, mass_factor, stiffness, object_offset, object_turn, joint_friction,
             servo_gain and drive_gain.
 
     Raises:
-        InvalidInput: no such plan, or another difference.
+        InvalidInput: not a pick plan, or another difference.
         SimulationDiverged: velocities beyond reason.
     """
     began = time.perf_counter()
