@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CarryPlan(CarryRecord, Shown):
-    """A timing of a path with the contact forces and joint torques on the way: see :class:`CarryRecord`."""
+    """The timing of a path with the contact forces and joint torques along it: see :class:`CarryRecord`."""
 
     __repr__ = CarryRecord.__repr__
     _repr_html_ = in_notebook

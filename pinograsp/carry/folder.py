@@ -27,7 +27,7 @@ def save_carry(
     simulation: Simulation | None = None,
     force: bool = False,
 ) -> Path:
-    """Write a carry plan into ``folder``, whole or not at all; returns it.
+    """Write a carry plan into ``folder``, completely or not at all; returns it.
 
     ``report.html`` and ``report.md``, figures, ``view.html`` (arm and hand as they move), ``carry.json`` (figures),
     ``record.json``, ``scene.json`` and ``carry.npz`` (the plan, for :func:`load_carry`), and the motion for a
@@ -36,12 +36,12 @@ def save_carry(
 
     Args:
         rate: of the trajectory's samples [Hz].
-        simulation: of :func:`~pinograsp.carry.simulate_carry`, for the report.
-        force: replace what an earlier call wrote.
+        simulation: from :func:`~pinograsp.carry.simulate_carry`, for the report.
+        force: replace the files of an earlier call.
 
     Raises:
-        InvalidInput: not a carry plan, an unusable rate, or what cannot be written down.
-        ResultsNotWritten: the folder exists and ``force`` is off, or the place cannot be written.
+        InvalidInput: not a carry plan, an unusable rate, or values that cannot be written.
+        ResultsNotWritten: the folder exists and ``force`` is off, or it cannot be written.
     """
     instance_of("plan", plan, CarryPlan)
     instance_of("simulation", simulation, Simulation, type(None))
@@ -59,8 +59,8 @@ def load_carry(folder: str | Path) -> CarryPlan:
     """Read a carry plan back, with its robot and its object.
 
     Raises:
-        InvalidInput: the folder holds none, or one that is damaged or of another version.
-        HandNotLoaded: mesh files of the robot that are missing.
+        InvalidInput: the folder holds no carry plan, or one that is damaged or of another version.
+        HandNotLoaded: mesh files of the robot are missing.
     """
     return read_folder(folder, CarryPlan, SCHEMA, _ARRAYS, "carry plan")
 

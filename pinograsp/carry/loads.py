@@ -83,12 +83,12 @@ class CarryLoads:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CarryScenario:
-    """What may be otherwise than planned.
+    """Possible differences from the plan.
 
     Attributes:
         mass: of the object, over its planned one [-].
         mu: friction coefficients, over the planned ones [-].
-        com: the centre of mass, from its planned place (3,) [m], in the object's own axes.
+        com: displacement of the centre of mass from its planned place (3,) [m], in the object's own axes.
 
     Raises:
         InvalidInput: no positive mass, negative friction.

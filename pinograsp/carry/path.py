@@ -40,7 +40,7 @@ class ArmPath:
         joints: their names (n,).
         s: of the waypoints (w,), increasing from 0 to 1.
         q: waypoints (w, n) [rad or m].
-        times: of the waypoints (w,) [s], where the path is a trajectory; None: only its shape is known.
+        times: of the waypoints (w,) [s], if the path is a trajectory; None: only its shape is known.
         spline: the curve; None: the cubic spline through the waypoints.
     """
 
@@ -80,10 +80,10 @@ class ArmPath:
 
     @classmethod
     def along(cls, joints: Sequence[str], spline: PPoly | BSpline) -> ArmPath:
-        """The path of a spline of SciPy, over its whole range: positions of the joints (n,) [rad or m].
+        """Return the path of a SciPy spline, over its whole range: positions of the joints (n,) [rad or m].
 
         Raises:
-            InvalidInput: no such spline, one of other sizes, or one whose slope jumps.
+            InvalidInput: not a spline, one of other sizes, or one whose slope jumps.
         """
         instance_of("spline", spline, PPoly, BSpline)
         if np.ndim(spline.c) != (2 if isinstance(spline, BSpline) else 3):
@@ -109,9 +109,10 @@ class ArmPath:
 
     @classmethod
     def through(cls, waypoints: Mapping[str, ArrayLike]) -> ArmPath:
-        """The path through waypoints, ``{joint: its positions there (w,)}`` [rad or m], two or more.
+        """Return the path through two or more waypoints, ``{joint: its positions there (w,)}`` [rad or m].
 
-        The parameter is the distance travelled in joint space from one to the next, over that of all.
+        The parameter is the distance travelled in joint space from one waypoint to the next, divided by the whole
+        distance.
 
         Raises:
             InvalidInput: fewer than two waypoints, two in a row that are the same, unequal numbers.
@@ -135,7 +136,8 @@ class ArmPath:
 
     @classmethod
     def of(cls, trajectory: JointTrajectory) -> ArmPath:
-        """The path of a timed trajectory, as of :func:`~pinograsp.handover.read_csv` or ``read_ros2``.
+        """Return the path of a timed trajectory, such as one from :func:`~pinograsp.handover.read_csv` or
+        ``read_ros2``.
 
         Its speeds at both ends are those of the trajectory.
         """
@@ -154,14 +156,14 @@ class ArmPath:
 
     @classmethod
     def read(cls, file: str | Path) -> ArmPath:
-        """The path in a file.
+        """Read the path in a file.
 
         ``.csv``: a line of names, then one for each waypoint [rad or m]; with a column ``time`` [s] it is a trajectory,
         at rest at both ends. Or a table of :meth:`~pinograsp.handover.JointTrajectory.to_csv`. ``.yaml``, ``.yml``,
         ``.json``: a trajectory of ROS or MoveIt, as :func:`~pinograsp.handover.read_ros2` reads it.
 
         Raises:
-            InvalidInput: another suffix, or a file that holds none of these, is too large, or no regular file.
+            InvalidInput: another suffix, or a file that holds none of these, is too large, or is not a regular file.
         """
         file = path_of("path", file)
         if one_of("suffix of a path", file.suffix.lower(), (".csv", ".yaml", ".yml", ".json")) != ".csv":
@@ -184,14 +186,14 @@ class ArmPath:
         return _time_path(tuple(columns), since / since[-1], q, since, np.zeros((2, q.shape[1])))
 
     def only(self, joints: Sequence[str]) -> ArmPath:
-        """The path of some of its joints."""
+        """Return the path of some of its joints."""
         which = [self.joints.index(joint) for joint in joints]
         assert self.spline is not None
         part = PPoly(self.spline.c[:, :, which], self.spline.x)
         return ArmPath(joints=tuple(joints), s=self.s, q=self.q[:, which], times=self.times, spline=part)
 
     def at(self, s: ArrayLike) -> PathPoint:
-        """Positions and derivatives at parameters (m,)."""
+        """Compute positions and derivatives at parameters (m,)."""
         assert self.spline is not None
         values = array_of("path parameters", s, (None,))
         return PathPoint(*(read_only(self.spline(values, order)) for order in (0, 1, 2, 3)))

@@ -52,46 +52,46 @@ def plan_carry(
     object_speed: float | None = None,
     gravity_o: ArrayLike = (0.0, 0.0, -9.81),
 ) -> CarryPlan:
-    """The timing of an arm's path, and the squeeze on the way, that a grasp, its friction and the motors withstand.
+    """Plan the timing of an arm's path, and the squeeze along it, within the limits of grasp, friction and motors.
 
     The fastest timing goes from rest to rest. The path's parameter s moves with piecewise constant acceleration; wrench
     and torques are linear in it and in the squared speed, so that timing and contact forces together are one convex
-    program (Verscheure et al. 2009, with exact friction cones), solved to a proven gap. What is planned is the moving
-    average of that motion over ``ramp``, slowed down where limits ask for it: accelerations that jump would set the
-    object swinging on its contacts. Balance and limits hold at the middles of the intervals.
+    program (Verscheure et al. 2009, with exact friction cones), solved to a proven gap. The planned motion is the
+    moving average of that motion over ``ramp``, slowed down if limits require it, because accelerations that jump would
+    make the object swing on its contacts. Balance and limits hold at the middles of the intervals.
 
     Args:
         robot: arm and hand in one model.
-        grasp: as planned with this robot, or with its hand alone, just made or read back: what is held, where, with
-            what friction. Normal forces are at most those of its caps (not stored) and of its largest depth.
+        grasp: a plan with this robot, or with its hand alone, new or read back; it has the object, the contacts and the
+            friction. Normal forces are at most those of its caps (not stored) and of its largest depth.
         path: of the arm: ``{joint: waypoints}`` [rad or m], an :class:`~pinograsp.carry.ArmPath`, or a trajectory.
             Other joints stay as they are in the grasp.
         timing: ``"fastest"``; or ``"given"``: that of the trajectory.
         squeeze: ``"least"``: at every instant the forces of least squares; ``"constant"``: normal forces that are
-            commanded once for the whole way, the contacts reacting to the loads as equal springs; a number: the largest
-            change of each commanded normal force [N/s].
-        scenarios: what may be otherwise than planned; one squeeze withstands them all, whichever comes true, each with
-            the least friction of any. Their order does not matter; the plan's loads, forces and torques are those of
-            the planned object.
-        ramp: time over which accelerations of the fastest timing change at least [s]; 0: they jump.
-        jerk: largest |jerk| of the arm's joints, one number or (n,) [rad/s^3 or m/s^3], met by longer ramps (small ones
-            are better met with ``acceleration`` besides); None: no limit.
+            commanded once for the whole path, with contacts that react to the loads as equal springs; a number: the
+            largest change of each commanded normal force [N/s].
+        scenarios: possible differences from the plan; one squeeze withstands all of them, each with the least friction
+            of any. Their order does not matter; the plan's loads, forces and torques are those of the planned object.
+        ramp: least time in which accelerations of the fastest timing change [s]; 0: they jump.
+        jerk: largest |jerk| of the arm's joints, one number or (n,) [rad/s^3 or m/s^3], achieved by longer ramps (for
+            small values also limit ``acceleration``); None: no limit.
         intervals: of the path, or of its time, N.
         reserve: share of friction, largest normal forces, torques, speeds and accelerations that is kept free [-].
-        disturbance: force in any direction, or as a moment about any axis at the object's radius of gyration, that is
-            borne on the way as well [N]; None: that of the grasp's own reserve, its heavier object included.
+        disturbance: force in any direction, or as a moment about any axis at the object's radius of gyration, that the
+            squeeze also withstands along the path [N]; None: that of the grasp's own reserve, its heavier object
+            included.
         torque_limit: largest |torque| of the robot's joints as for :class:`~pinograsp.forces.GraspConditions`.
-        speed: largest |speed|, one number or (n,) [rad/s or m/s]; None: the robot's own, where it has them.
-        acceleration: largest |acceleration| likewise [rad/s^2 or m/s^2]; None: no limit.
-        object_speed: largest speed of the object's centre of mass [m/s], all of it used; None: no limit.
+        speed: largest |speed|, one number or (n,) [rad/s or m/s]; None: the robot's own limits, if it has any.
+        acceleration: largest |acceleration|, one number or (n,) [rad/s^2 or m/s^2]; None: no limit.
+        object_speed: largest speed of the object's centre of mass [m/s], without headroom; None: no limit.
         gravity_o: (3,) [m/s^2] in the robot's world.
 
     Raises:
         InvalidInput: unusable numbers, a path of other joints than the arm's or beyond their limits, a robot without
             the grasp's hand.
-        CarryInfeasible: no timing holds the object, or the given one does not: at a point of the path there are no
-            forces, proven; or there is no squeeze of that kind. ``factor`` tells how fast it may go.
-        CarryUndecided: none was found, and none is ruled out.
+        CarryInfeasible: no timing holds the object, or the given one does not: at a point of the path no forces exist
+            (proven), or no squeeze of that kind exists. ``factor`` is the possible speed over the given one.
+        CarryUndecided: none was found, but it is not proven that none exists.
     """
     started = time.perf_counter()
     instance_of("robot", robot, HandModel)

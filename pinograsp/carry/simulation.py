@@ -36,15 +36,15 @@ def simulate_carry(
 ) -> Simulation:
     """Simulate a carry plan, and judge whether the object stays in the hand.
 
-    At the start of the path the hand closes on the object, which is fixed, as it does in the grasp's own plan. Its
-    squeeze goes over to the first one of the way, the object is let go, and the arm sets off; then it holds still.
-    The object counts as held if it stays with the palm and comes to rest.
+    At the start of the path the hand closes on the fixed object, as in the grasp's own plan. Its squeeze changes to the
+    first one of the path, the object is let go, and the arm moves along the path; then it holds still. The object
+    counts as held if it stays with the palm and comes to rest.
 
     Args:
-        plan: of :func:`~pinograsp.carry.plan_carry`.
+        plan: from :func:`~pinograsp.carry.plan_carry`.
         disturbance: differences from the plan.
         settings: as for :func:`~pinograsp.simulation.simulate`. The default servos are those of the hand's description;
-            joints of an arm without any give way by 0.03 rad or m to their largest torque.
+            joints of an arm without servos give way by 0.03 rad or m under their largest torque.
 
     Raises:
         InvalidInput: not a carry plan, or unusable settings. ExtraMissing, SimulationDiverged: as there.
