@@ -41,49 +41,50 @@ class GripSettings(TypedDict, total=False):
 
 
 class GripController:
-    """Forces, torques and position references of a hand that holds an object, from what is felt at each tick.
+    """Controls the squeeze of a hand that holds an object: forces, torques and position references from the sensors, at
+    each tick.
 
-    Whatever is measured (:class:`~pinograsp.reflex.Felt`: forces, normal forces, slip, torques, a wrist's wrench, the
-    arm's acceleration) may be given, be missing, come late, or be nonsense, which is left out. What is commanded:
+    Each quantity (:class:`~pinograsp.reflex.Felt`: forces, normal forces, slip, torques, a wrist's wrench, the arm's
+    acceleration) may be given, missing or late; the controller ignores unusable values. Its law:
 
-    - The planned forces, and internal ones besides: a squeeze never pushes the object by itself; its weight is held by
-      the servos' stiffness, as planned. The internal ones are those of the forces of least squares for the load that is
-      felt (:class:`~pinograsp.motion.OnlineForces`), with the friction that is believed over ``margin``.
-    - Friction is believed as planned until a contact slips; then as it is felt to slip there, and so of all contacts
-      that have not slipped. No contact is believed to have less than the ratio at which it has held.
-    - Where most of the squeeze slips, the planned squeeze rises as it is to 1.8 times what is commanded, at once, no
-      higher than the caps; it rises again when that has been felt. The same where no forces hold the load with that
-      friction.
-    - Without slip it is released slowly, to no less than ``kept`` of the planned squeeze in proportion to the load over
-      the friction, and of a load of two fifths of the planned one at least: what something else supports may be let
-      go at once. Where slip or load is not felt, the squeeze rises to one and a half times the planned one, and stays.
-    - What is felt too much is taken off slowly, and what is felt too little added; what was taken off is given back at
-      once where more is wanted.
-    - Without any measurement for 50 ms nothing is released (``blind``).
+    - It commands the planned forces plus internal forces, which do not push the object; the servos' stiffness holds the
+    weight, as planned. The internal forces are those of the least-squares solution for the measured load
+    (:class:`~pinograsp.motion.OnlineForces`), with the estimated friction divided by ``margin``.
+    - The estimate of friction is the planned one until a contact slips; then it is the ratio at which that contact
+    slips, also for all contacts that have not slipped. It is never less than the ratio at which a contact has held.
+    - If the contacts with most of the squeeze slip, the planned squeeze jumps, with its proportions unchanged, to 1.8
+    times the commanded one, at most to the caps; it jumps again when the sensors have seen the first jump. The same
+    happens if no forces hold the load with that friction.
+    - Without slip the squeeze is released slowly, to no less than ``kept`` of the planned squeeze in proportion to load
+    over friction, and for at least two fifths of the planned load, because a support may let go at once. If slip or
+    load is not measured, the squeeze rises to one and a half times the planned one, and stays.
+    - It slowly corrects forces that are measured too high or too low; what it has taken off returns at once if more
+    force is needed.
+    - Without any measurement for 50 ms it releases nothing (``blind``).
 
-    No command is above the caps of F_n or the joints' torque limits; a joint at its limit keeps all others from more,
-    so that none of them pushes the object away. The law runs in the compiled core (``pinograsp/core/grip.hpp``), in
+    No command exceeds the caps of F_n or the joints' torque limits; a joint at its limit also limits all others, so
+    that none of them pushes the object away. The law runs in the compiled core (``pinograsp/core/grip.hpp``), in
     bounded time, without allocation.
 
     Attributes:
         forces: commanded, on the object, in contact axes (k, 3) [N].
         torques: (n,) [N m or N].
-        load: external wrench on the object that is felt (6,), about its centre of mass, world axes [N, N m].
-        load_bound: three standard deviations of its force, or more where it has just changed or swings [N]; infinity:
-            no load is felt.
-        object_mass: that the load stands for [kg].
-        mu: friction that is believed (k,).
-        mu_low: it is no less than that: the contact has held (k,).
-        mu_high: the largest ratio at which the contact has slipped, and what noise makes of it (k,); infinity: it has
-            not. A contact that turns as it slips, or of which a part slips first, has a little more friction.
-        slipping: which contacts slip, as far as that is felt (k,), 0 or 1.
+        load: measured external wrench on the object (6,), about its centre of mass, world axes [N, N m].
+        load_bound: three standard deviations of its force, or more if it has just changed or swings [N]; infinity: no
+            load is measured.
+        object_mass: mass that corresponds to the load [kg].
+        mu: estimated friction (k,).
+        mu_low: lower bound of friction: the contact has held at this ratio (k,).
+        mu_high: the largest ratio at which the contact has slipped, noise included (k,); infinity: it has not. A
+            contact that turns as it slips, or that slips in part first, has slightly more friction.
+        slipping: which contacts slip, as far as it is measured (k,), 0 or 1.
         reflexes: how often the squeeze has jumped.
         blind: whether nothing has been measured for a while.
-        status: ``OK``; ``INFEASIBLE``: no forces hold the felt load with the believed friction within the limits, the
-            planned ones are made larger; ``INACCURATE``: likewise, none were found; ``INVALID_INPUT``: a time that does
-            not grow.
+        status: ``OK``; ``INFEASIBLE``: no forces hold the measured load with the estimated friction within the limits,
+            so the planned forces are scaled up; ``INACCURATE``: the same, because none were found; ``INVALID_INPUT``: a
+            time that does not increase.
 
-    The arrays are overwritten by the next step: copy what must stay.
+    The next step overwrites the arrays: copy what you keep.
     """
 
     def __init__(
@@ -106,30 +107,32 @@ class GripController:
         period: float = 1e-3,
         stiffness: ArrayLike | None = None,
     ):
-        """Built once from a grasp; of a plan by :meth:`pinograsp.planner.GraspPlan.grip_controller`.
+        """Prepare the controller, once, from a grasp; from a plan use
+        :meth:`pinograsp.planner.GraspPlan.grip_controller`.
 
         Args:
             problem: contacts, friction, load and limits, as planned.
-            hand: that holds.
+            hand: the hand.
             q: its posture (n,) [rad or m].
             forces: planned, on the object, in contact axes (k, 3) [N].
-            torques: that hold it there (n,) [N m or N].
+            torques: torques that hold it there (n,) [N m or N].
             torque_limit: of the joints (n,) [N m or N]; infinity or None: none.
-            max_normal_force: caps of F_n, one number or (k,) [N]; None: what the problem's largest depth and its
-                ``max_normal_force`` allow.
-            latency: how long it takes from a command to its effect, and from there to its measurement [s].
-            noise: standard deviation of felt forces and torques, as a share of them.
-            scale: the same of what a joint makes of its torque, which lasts: bounds that torques tell reckon with it.
-            margin: friction is used up to the believed one over it.
-            kept: share of the planned squeeze that stays, in proportion to load over friction.
-            release: time in which the squeeze falls to 1/e of what it was [s].
-            max_rate: largest |dF_n/dt| of the wanted forces [N/s]; None: any.
+            max_normal_force: caps of F_n, one number or (k,) [N]; None: those of the problem's largest depth and its
+                ``max_normal_force``.
+            latency: time from a command to the measurement of its effect [s].
+            noise: standard deviation of measured forces and torques, as a share of them.
+            scale: standard deviation of the constant error of a joint's torque, as a share; bounds from torques allow
+                for it.
+            margin: safety factor: friction is used up to the estimate divided by it.
+            kept: share of the planned squeeze that is kept, in proportion to load over friction.
+            release: time in which the squeeze falls to 1/e [s].
+            max_rate: largest |dF_n/dt| of the commanded forces [N/s]; None: any.
             period: of the loop [s].
-            stiffness: of the hand's position servos, one number or (n,) [N m/rad or N/m]: its commands have
-                the references at which servos without feed-forward make the torques.
+            stiffness: of the hand's position servos, one number or (n,) [N m/rad or N/m]: commands then have the
+                references at which servos without feed-forward produce the torques.
 
         Raises:
-            InvalidInput: what cannot be used, with the reason.
+            InvalidInput: an argument cannot be used; the message gives the reason.
             ExtraMissing: the compiled core is not installed.
         """
         instance_of("problem", problem, ForceProblem)
@@ -184,13 +187,13 @@ class GripController:
 
     @property
     def load_bound(self) -> float:
-        """Three standard deviations of the load's force [N]; infinity: no load is felt."""
+        """Three standard deviations of the load's force [N]; infinity: no load is measured."""
         bound: float = self._grip.load_bound
         return bound
 
     @property
     def object_mass(self) -> float:
-        """That the load stands for [kg]."""
+        """Mass that corresponds to the load [kg]."""
         mass: float = self._grip.mass
         return mass
 
@@ -212,21 +215,21 @@ class GripController:
         return OnlineForces(replace(self.loop.problem, torques=None), normal_forces=(0.0, self._caps))
 
     def find_least_squeeze(self) -> float:
-        """Sum of the normal forces that the felt load asks for with the believed friction, without a margin, by forces
-        of least squares [N]; infinity: none hold it within the caps. Solved when it is asked for, not at every tick.
+        """Compute the sum of the normal forces that the measured load needs with the estimated friction, without a
+        margin, by least squares [N]; infinity: no forces hold it within the caps. Solved on request, not at every tick.
         """
         forces, _, status = self._loop_without_limits.step(self.load, mu=self.mu)
         return float(forces[:, 2].sum()) if status is Status.OK else np.inf
 
     def reset(self) -> None:
-        """Forget all that was felt: the next tick starts from the plan."""
+        """Forget all measurements: the next tick starts from the plan."""
         self._grip.reset()
 
     def step(self, felt: Felt) -> Command:
-        """What the drives are to be sent at a tick.
+        """Return the commands of the drives at a tick.
 
         Raises:
-            InvalidInput: a measurement of another shape; numbers that are nonsense are left out.
+            InvalidInput: a measurement of another shape. Unusable numbers are ignored.
         """
         grip = self._grip
         for kind, name in enumerate(_KINDS):
@@ -255,10 +258,10 @@ class GripController:
         return values
 
     def constants(self) -> dict[str, Any]:
-        """All that the controller was set up with, as plain values: for controllers in C++.
+        """Return the controller's settings as plain values, for controllers in C++.
 
-        Keys are those of ``pinograsp::core::GripSetup`` (``pinograsp/core/grip.hpp``), whose other fields stay as they
-        are there; under ``loop`` those of :meth:`~pinograsp.motion.OnlineForces.constants`.
+        Keys are those of ``pinograsp::core::GripSetup`` (``pinograsp/core/grip.hpp``), whose other fields keep their
+        defaults; under ``loop`` those of :meth:`~pinograsp.motion.OnlineForces.constants`.
         """
         return {name: np.asarray(one).tolist() for name, one in self._setup.items()} | {"loop": self.loop.constants()}
 

@@ -30,13 +30,13 @@ from pinograsp.spatial import Array, BoolArray
 
 
 class TaxelForces(NamedTuple):
-    """What raw counts of taxels say, each array of the counts' shape.
+    """Forces from raw counts of taxels; each array has the counts' shape.
 
     Attributes:
-        forces: normal to the surface [N]; 0 for the dead.
+        forces: normal to the surface [N]; 0 for dead taxels.
         noise: standard deviation of these [N].
-        dead: which counts no working taxel gives; no numbers among them.
-        beyond: which press with at least what is told: the calibration ends there, or the taxel is saturated.
+        dead: which counts are not those of a working taxel, NaN included.
+        beyond: which forces are lower bounds, because the calibration ends there or the taxel is saturated.
     """
 
     forces: Array
@@ -47,18 +47,18 @@ class TaxelForces(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TaxelCalibration:
-    """Force by raw counts of a taxel, monotone: straight between knots, m of them. From a log against a load cell by
-    :func:`pinograsp.identification.identify_taxel`.
+    """Force by raw counts of a taxel: monotone, and straight between m knots. The function
+    :func:`pinograsp.identification.identify_taxel` finds it from a log against a load cell.
 
     Attributes:
         counts: of the knots (m,), all rising or all falling, at rest first.
         forces: there (m,) [N], never falling, at rest 0.
-        noise: standard deviation of a force told there, hysteresis included (m,) [N].
+        noise: standard deviation of a force there, hysteresis included (m,) [N].
         valid: least and largest count of a taxel that works.
-        hysteresis: largest difference at one count between forces that grow and that fall [N]; None: it is not known.
+        hysteresis: largest difference at one count between rising and falling forces [N]; None: it is not known.
 
     Raises:
-        InvalidInput: for values that make no such curve.
+        InvalidInput: the values do not describe such a curve.
     """
 
     counts: Array
@@ -94,10 +94,10 @@ class TaxelCalibration:
             object.__setattr__(self, name, value)
 
     def measure(self, raw: ArrayLike) -> TaxelForces:
-        """What raw counts of any shape say, NaN among them.
+        """Convert raw counts of any shape to forces; NaN is allowed.
 
         Raises:
-            InvalidInput: no numbers.
+            InvalidInput: not numbers.
         """
         values = floats_of("raw counts", raw)
         low, high = self.valid
@@ -110,13 +110,13 @@ class TaxelCalibration:
 
 
 class TaxelReading(NamedTuple):
-    """What an array of t taxels says.
+    """The reading of an array of t taxels.
 
     Attributes:
-        normal_force: sum of the taxels' forces [N]; NaN: too many are dead to tell one.
-        noise: its standard deviation [N]; NaN where no force is told.
-        centre_l: of pressure, in the link's frame (3,) [m]; NaN where nothing presses, or no force is told.
-        taxels: forces (t,) [N], their noise, which are dead, and which press with at least what is told.
+        normal_force: sum of the taxels' forces [N]; NaN: too many taxels are dead.
+        noise: its standard deviation [N]; NaN without a force.
+        centre_l: centre of pressure, in the link's frame (3,) [m]; NaN if nothing presses, or without a force.
+        taxels: forces (t,) [N], their noise, which taxels are dead, and which forces are lower bounds.
     """
 
     normal_force: float
@@ -134,10 +134,10 @@ class TaxelArray:
         points_l: of the taxels, in the link's frame (t, 3) [m].
         normals_l: out of the link (t, 3), of any length.
         calibration: of all taxels, or one for each.
-        most_dead: share of its taxels that may be dead [-]: they are left out. Where more are, no force is told.
+        most_dead: share of its taxels that may be dead [-]; these are left out. If more are dead, there is no force.
 
     Raises:
-        InvalidInput: for arrays that do not go together, and normals of no length.
+        InvalidInput: arrays that do not match, or normals of zero length.
     """
 
     link: str
@@ -170,8 +170,8 @@ class TaxelArray:
         return len(self.points_l)
 
     def measure(self, raw: ArrayLike) -> TaxelReading:
-        """Normal force and centre of pressure of raw counts (t,). Dead taxels are left out; where more than
-        ``most_dead`` are, no force is told.
+        """Compute normal force and centre of pressure from raw counts (t,). Dead taxels are left out; if more than
+        ``most_dead`` are dead, there is no force.
 
         Raises:
             InvalidInput: counts of another number.
@@ -197,14 +197,15 @@ def _centre(forces: Array, points: Array) -> Array:
 
 
 class ContactReading(NamedTuple):
-    """What taxels say about k contacts.
+    """The reading of taxels at k contacts.
 
     Attributes:
-        normal_forces: (k,) [N]; NaN: the contact is not felt.
+        normal_forces: (k,) [N]; NaN: the contact is not measured.
         noise: standard deviation of these (k,) [N].
-        centres_l: of pressure, in the frames of the links (k, 3) [m]; NaN: nothing presses, or it is not felt.
-        beyond: which press with at least what is told (k,).
-        arrays: what each array says.
+        centres_l: centres of pressure, in the frames of the links (k, 3) [m]; NaN: nothing presses, or it is not
+            measured.
+        beyond: which forces are lower bounds (k,).
+        arrays: the reading of each array.
     """
 
     normal_forces: Array
@@ -214,14 +215,14 @@ class ContactReading(NamedTuple):
     arrays: tuple[TaxelReading, ...]
 
     def make_measurement(self, time: float, commanded: ArrayLike) -> Measured | None:
-        """For ``Felt.normal_forces``; None: no contact is felt.
+        """Return a measurement for ``Felt.normal_forces``; None: no contact is measured.
 
-        A controller leaves out a measurement with a number that is missing. Contacts that are not felt are therefore
-        taken to press as commanded, which changes nothing there; so are those that press with at least what is told.
+        A controller ignores a measurement in which a number is missing. Therefore contacts that are not measured get
+        their commanded force, which changes nothing there; so do contacts whose force is a lower bound.
 
         Args:
             time: of the measurement [s].
-            commanded: normal forces (k,) [N], as ``controller.forces[:, 2]``.
+            commanded: normal forces (k,) [N], such as ``controller.forces[:, 2]``.
 
         Raises:
             InvalidInput: commanded forces of another number.
@@ -238,18 +239,18 @@ class ContactReading(NamedTuple):
 class ContactTaxels:
     """The taxel arrays of a hand, as sensors of the k contacts of a plan.
 
-    A taxel is of the contact on its link that is nearest to where it is, as planned; what it feels counts along that
-    contact's normal, and not at all where it faces another way.
+    Each taxel belongs to the nearest planned contact on its link. Its force counts along that contact's normal, and not
+    at all if the taxel faces away.
 
     Attributes:
-        contacts: where they are on their links: ``plan.contacts_on_links``.
+        contacts: their places on the links: ``plan.contacts_on_links``.
         arrays: of taxels; several may be on one link.
-        reach: a contact is felt if it has taxels no farther than that [m] that face its way.
-        most_dead: share of these that may be dead [-]; where more are, the contact is not felt.
+        reach: a contact is measured if it has taxels within this distance [m] that face its way.
+        most_dead: share of these that may be dead [-]; if more are dead, the contact is not measured.
         felt: which contacts have such taxels (k,).
 
     Raises:
-        InvalidInput: for other things than contacts and arrays, or contacts of a plan that has lost its hand.
+        InvalidInput: not contacts and arrays, or contacts of a plan without its hand.
     """
 
     contacts: LinkContacts
@@ -284,7 +285,7 @@ class ContactTaxels:
             object.__setattr__(self, name, read_only(array))
 
     def measure(self, raw: Sequence[ArrayLike]) -> ContactReading:
-        """Normal forces of the contacts, of raw counts (t,) of each array.
+        """Compute the normal forces of the contacts from raw counts (t,) of each array.
 
         Raises:
             InvalidInput: counts of another number of arrays or taxels.
