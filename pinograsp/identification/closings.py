@@ -34,14 +34,15 @@ _WIDER, _SHARE = 1.5, 0.005
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContactFit:
-    """Force over way at rest: K (s (x - start))^rho, s the sign in which the finger closes (Eq. 4 without its rate).
+    """Force over closing distance at rest: K (s (x - start))^rho, with the closing direction s (Eq. 4 without its
+    rate).
 
     Attributes:
         positions, forces: of the closings at rest (n,) [units of the log].
         start: position where the force begins.
-        stiffness, exponent: K [force per way^rho] and rho.
+        stiffness, exponent: K [force per distance^rho] and rho.
         error: median relative error of the forces [-].
-        fits: start, K and rho (f, 3), of all closings first, then of those that the bootstrap drew.
+        fits: start, K and rho (f, 3), first of all closings, then of the bootstrap samples.
     """
 
     positions: Array
@@ -55,11 +56,11 @@ class ContactFit:
     __repr__ = brief("start", "stiffness", "exponent", "error")
 
     def slope(self, force: float) -> Estimate:
-        """dF/dx at a force within those of the closings [force unit per position unit]: known well, also where start
-        and exponent are not, which trade off against each other.
+        """Return dF/dx at a force within those of the closings [force unit per position unit]. It is known well even if
+        start and exponent, which trade off against each other, are not.
 
         Raises:
-            InvalidInput: a force beyond them.
+            InvalidInput: the force is beyond those of the closings.
         """
         force = number("force", force, at_least=float(self.forces.min()), at_most=float(self.forces.max()))
         k, rho = self.fits[:, 1], self.fits[:, 2]
@@ -67,7 +68,7 @@ class ContactFit:
         return widen(slopes[0], slopes, _WIDER, _SHARE)
 
     def find_ratios(self) -> tuple[float, float] | None:
-        """Least and largest stiffness over that of the best fit [-], at the middle of the forces, for the
+        """Return the least and largest stiffness over that of the best fit [-], at the middle of the forces, for the
         ``contact_stiffness`` of a data sheet; None: the slope is not known at all.
         """
         try:
@@ -77,11 +78,11 @@ class ContactFit:
         return 1.0 / softer, stiffer
 
     def reserve_factors(self, force: float) -> tuple[float, float]:
-        """How many times as soft and as stiff as its best fit the contact may be [-], for ``Reserve(softer=)`` and
-        ``stiffer=``: the ratios of K to which the interval of the slope at a force comes.
+        """Return how many times softer and stiffer than its best fit the contact may be [-], for ``Reserve(softer=)``
+        and ``stiffer=``: the ratios of K for the interval of the slope at a force.
 
         Raises:
-            InvalidInput: a force beyond those of the closings, or a slope that is not known at all.
+            InvalidInput: the force is beyond those of the closings, or the slope is not known at all.
         """
         slope, rho = self.slope(force), self.fits[0, 2]
         if slope.low <= 0:
@@ -94,16 +95,17 @@ class ContactFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class IdentifiedClosings:
-    """What logs of closings tell.
+    """The results from logs of closings.
 
     Attributes:
         table: peaks by speed and limit.
         peaks: {(speed, limit): peaks of the trials}.
-        sensor_lag: time constant by which the force register follows the force [s]; None where the log does not tell.
+        sensor_lag: time constant by which the force register follows the force [s]; None if the log does not determine
+            it.
         free_speeds: {commanded speed: speed of the position before the contact [position unit/s]}.
-        contact: force over way; None where the log does not tell.
-        unknown: what these logs cannot tell, each with the experiment that would.
-        remarks: what was left out, and what else to know.
+        contact: force over closing distance; None if the log does not determine it.
+        unknown: what these logs do not determine, each with the experiment that would.
+        remarks: what was left out, and other remarks.
     """
 
     table: ClosingTable
@@ -131,16 +133,16 @@ class _Closing(NamedTuple):
 def identify_closings(
     logs: Iterable[Log], *, newtons: Sequence[float] | None = None, seed: int = 0
 ) -> IdentifiedClosings:
-    """Identify how hard a finger presses that closes on a stop, from its logs.
+    """Identify from logs how hard a finger presses when it closes on a stop.
 
     Args:
-        logs: with ``speed`` and ``limit``; what lies between two openings is a closing.
-        newtons: slope and offset of newtons over counts, for forces in counts; None: all stays in counts.
+        logs: logs with ``speed`` and ``limit``; a closing is the part between two openings.
+        newtons: slope and offset of newtons over counts, for forces in counts; None: forces stay in counts.
         seed: of the bootstrap.
 
     Raises:
-        InvalidInput: no logs, logs of different units, without speed or limit, or without a closing; newtons for
-            forces that are newtons.
+        InvalidInput: no logs, logs of different units, without speed or limit, or without a closing; ``newtons`` for
+            forces that are already in newtons.
     """
     found = items_of("logs", logs, Log)
     if not found:

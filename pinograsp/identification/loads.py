@@ -31,20 +31,20 @@ def identify_load(
     gravity_o: ArrayLike = (0.0, 0.0, -9.81),
     seed: int = 0,
 ) -> tuple[Estimate, Array | None]:
-    """Mass that a link carries besides its own [kg], and its centre of mass in the link's frame (3,) [m]; None where
-    the motion does not tell it: joints with parallel axes do not tell where it is along them.
+    """Identify the mass that a link carries besides its own [kg], and its centre of mass in the link's frame (3,) [m];
+    None if the motion does not determine it: joints with parallel axes do not show where it is along them.
 
-    Where the motion does not tell the mass from where it is, as of the last joint alone, it is taken to be at the
+    If the motion cannot separate the mass from its position, as with the last joint alone, the mass is assumed at the
     link's origin.
 
     Args:
         hand, gravity_o, seed: as for :func:`identify_motion`.
-        log: of the hand that moves with it.
-        drives: identified without it.
-        link: that carries it.
+        log: log of the hand that moves with it.
+        drives: drives identified without it.
+        link: link that carries it.
 
     Raises:
-        InvalidInput: a link that there is not, joints that move together, no drive that is known.
+        InvalidInput: the link does not exist, joints are coupled, or no drive is known.
     """
     if hand.model.njoints - 1 != hand.n:
         raise InvalidInput("load: expected a hand whose joints move one by one, got one with coupled joints")

@@ -38,15 +38,15 @@ _MOST = 50_000_000  # samples
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Log:
-    """What was logged, sample by sample (s).
+    """A log, sample by sample (s).
 
     Attributes:
         source: the file.
         time: rising (s,) [s].
         position: of the joint or finger (s,) [rad, m or counts, see ``units``].
-        force: that its sensor says (s,) [N or counts].
-        speed, limit: commanded closing speed and force limit (s,), in the units of the drive's registers; None where
-            the log has none.
+        force: reading of its sensor (s,) [N or counts].
+        speed, limit: commanded closing speed and force limit (s,), in the units of the drive's registers; None if the
+            log has none.
         units: of ``position`` and ``force``: ``count``, ``rad``, ``m``, ``N``.
     """
 
@@ -67,16 +67,16 @@ def read_log(
     """Read a log of one finger or joint: a CSV file, packed by gzip or not, Parquet, or a bag of ROS.
 
     Args:
-        path: the file; its first line names the columns. Cells of Parquet that are lists, as LeRobot has them, are
+        path: the file; its first line names the columns. Cells of Parquet that are lists, as in LeRobot's files, are
             columns ``NAME[0]``, ``NAME[1]``; bags have those of :func:`~pinograsp.identification.bags.read_bag`.
-        columns: the file's name of each quantity, ``{"force": "Middle_Force_g"}``; a quantity that is not given is
-            the column of its own name: ``time``, ``position``, ``force``, ``speed``, ``limit``. The last two
-            may be missing, or be a number that holds for the whole file: ``{"speed": "250"}``.
-        units: of ``position`` and ``force``, which must be told, and of ``time`` (default: s).
+        columns: the file's name of each quantity, ``{"force": "Middle_Force_g"}``; by default each quantity is the
+            column of its own name: ``time``, ``position``, ``force``, ``speed``, ``limit``. The last two may be
+            missing, or be a number that holds for the whole file: ``{"speed": "250"}``.
+        units: of ``position`` and ``force``, which you must give, and of ``time`` (default: s).
 
     Raises:
-        InvalidInput: columns that the file has not, units that are not told or that the numbers belie, cells that are
-            no finite numbers, time that does not rise.
+        InvalidInput: missing columns, units that are missing or contradict the numbers, cells that are not finite
+            numbers, time that does not increase.
         ExtraMissing: Parquet without pyarrow, bags without rosbags.
     """
     path = path_of("log", path)

@@ -33,15 +33,15 @@ _CLEAR = 3.0  # times the median error of the fit: torque that tells a constant
 
 
 class DriveFit(NamedTuple):
-    """What a drive's register i makes at its joint, s the sign of dq: torque + outer_friction s |torque| = effort_step
-    (i - load_friction s |i|) - friction s - viscous dq - armature ddq - offset (as Rhoban's BAM has it, model m5, at
-    speeds at which friction does not depend on them).
+    """The torque of a drive at its joint for a register value i, with the sign s of dq: torque + outer_friction s
+    |torque| = effort_step (i - load_friction s |i|) - friction s - viscous dq - armature ddq - offset (as in Rhoban's
+    BAM, model m5, at speeds at which friction does not depend on speed).
 
     Attributes:
-        effort_step: torque or force of one unit [N m or N].
-        load_friction, outer_friction: shares of the motor's effort and of the load that the gears take [-].
+        effort_step: torque or force per unit [N m or N].
+        load_friction, outer_friction: shares of the motor's effort and of the load that are lost in the gears [-].
         friction, viscous, armature, offset: [N m, N m s/rad, kg m^2, N m], or with N and m.
-        delay: by which the register follows the motion [s]; below 0 it runs ahead.
+        delay: delay of the register after the motion [s]; below 0 it is ahead.
         error: median error of the torque [N m or N].
         covariance: of the first seven figures, in their order (7, 7).
     """
@@ -63,11 +63,11 @@ _REGRESSED = ("effort_step", "load_friction", "outer_friction", "friction", "vis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifiedMotion:
-    """What a log of motion tells.
+    """The results from a log of motion.
 
     Attributes:
         drives: by name.
-        unknown: by drive, why it cannot be told, and the experiment that would tell it.
+        unknown: by drive, why it cannot be identified, and the experiment that would identify it.
     """
 
     drives: Mapping[str, DriveFit]
@@ -84,16 +84,17 @@ def identify_motion(
     gravity_o: ArrayLike = (0.0, 0.0, -9.81),
     seed: int = 0,
 ) -> IdentifiedMotion:
-    """Torque constants and friction of drives from free motion: by linear regression of the hand's inverse dynamics.
+    """Identify torque constants and friction of drives from free motion, by linear regression of the hand's inverse
+    dynamics.
 
-    The torque that the motion takes (RNEA) is known from the description's masses; so a figure is off by what these
-    are off. Move each joint slowly and fast, up and down, against gravity.
+    The torque of the motion (RNEA) follows from the description's masses, so errors of these are errors of the results.
+    Move each joint slowly and fast, up and down, against gravity.
 
     Args:
-        hand: with the drives that were logged, one joint each.
-        log: of free motion.
+        hand: hand with the logged drives, one joint each.
+        log: log of free motion.
         masses: known masses that were fixed to links, ``{link: kg}``, at the origins of their frames.
-        gravity_o: (3,) [m/s^2] in the world in which the hand stood.
+        gravity_o: gravity (3,) [m/s^2] in the hand's world during the log.
         seed: of the bootstrap.
 
     Raises:
@@ -127,7 +128,7 @@ def identify_motion(
 
 
 def apply_fits(drives: Sequence[Drive], fits: Mapping[str, DriveFit], source: str) -> tuple[Drive, ...]:
-    """Drives with the effort steps and the friction that were identified, and where these come from."""
+    """Return the drives with the identified effort steps and friction, and their source."""
     found = []
     for drive in drives:
         if fit := fits.get(drive.name):

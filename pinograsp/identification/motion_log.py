@@ -28,7 +28,7 @@ class MotionLog:
         source: the file, or what else it is.
         times: in equal steps (s,) [s].
         q: of the hand's joints (s, n) [rad or m].
-        effort: of the hand's drives in the units of their registers, as current (s, m); NaN: not logged.
+        effort: of the hand's drives in the units of their registers, such as current (s, m); NaN: not logged.
     """
 
     source: str
@@ -63,18 +63,18 @@ def read_motion(
     effort: str = "{}/effort",
     position_step: float = 1.0,
 ) -> MotionLog:
-    """Read a log of joints and drives, a column for each: CSV, Parquet or a bag of ROS.
+    """Read a log of joints and drives with a column for each: CSV, Parquet or a bag of ROS.
 
     Args:
         path: the file.
-        hand: whose joints and drives these are.
+        hand: the hand with these joints and drives.
         time: column of the time [s].
-        position, effort: columns of the joints' positions and of the drives' registers, ``{}`` for the name; joints
-            without a column stay where the hand rests, drives without one are not identified.
+        position, effort: names of the columns of the joints' positions and the drives' registers, with ``{}`` for the
+            name. Joints without a column are at the hand's resting posture, drives without one are not identified.
         position_step: radians or metres of one unit of position.
 
     Raises:
-        InvalidInput: no such table, no column of a joint or drive, time that does not rise or has gaps of 0.2 s.
+        InvalidInput: not such a table, no column of a joint or drive, time that does not increase or has gaps of 0.2 s.
     """
     path = path_of("log", path)
     step = number("position_step", position_step)

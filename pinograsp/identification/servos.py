@@ -19,14 +19,14 @@ from pinograsp.spatial import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motor:
-    """A servo's motor with its gears, as identified.
+    """An identified motor of a servo, with its gears.
 
     Attributes:
         torque_constant: [N m/A] at the output.
         resistance: [ohm].
-        friction: Coulomb friction without load [N m]; None where it is not told.
-        viscous: viscous friction [N m s/rad]; None where it is not told.
-        armature: inertia at the output [kg m^2]; None where it is not told.
+        friction: Coulomb friction without load [N m]; None if it is not known.
+        viscous: viscous friction [N m s/rad]; None if it is not known.
+        armature: inertia at the output [kg m^2]; None if it is not known.
     """
 
     torque_constant: float
@@ -48,10 +48,10 @@ class Motor:
 
 
 def read_bam(path: str | Path) -> Motor:
-    """A motor of a file of Rhoban's BAM (JSON with ``kt``, ``R``, ``armature``, ``friction_base``).
+    """Read a motor from a file of Rhoban's BAM (JSON with ``kt``, ``R``, ``armature``, ``friction_base``).
 
     Raises:
-        InvalidInput: a missing file, or one that is none of them.
+        InvalidInput: the file is missing, or is not of this kind.
     """
     path = path_of("motor", path)
     try:
@@ -70,10 +70,10 @@ def read_bam(path: str | Path) -> Motor:
 
 
 def read_duty(path: str | Path) -> tuple[Array, Array]:
-    """Position errors (m,) [rad] and duty per error and unit of P (m,) [1/rad] of a CSV file of two columns.
+    """Read position errors (m,) [rad] and duty per error and unit of P (m,) [1/rad] from a CSV file of two columns.
 
     Raises:
-        InvalidInput: a missing file, or one that is no such table.
+        InvalidInput: the file is missing, or is not such a table.
     """
     path = path_of("duty", path)
     try:
@@ -90,23 +90,22 @@ def read_duty(path: str | Path) -> tuple[Array, Array]:
 def identify_servo_stiffness(
     errors: ArrayLike, duties: ArrayLike, motors: Iterable[Motor], *, voltage: float, gain: float
 ) -> Estimate:
-    """Stiffness of a position servo at rest [N m/rad]: k_t V / R times the duty per position error.
+    """Identify the stiffness of a position servo at rest [N m/rad]: k_t V / R times the duty per position error.
 
-    A servo adds to the duty what makes up for its friction, a constant above errors of some steps; the stiffness is the
-    slope beyond, by least squares of duty over error.
+    A servo adds duty to compensate for its friction, a constant above errors of some steps; the stiffness is the slope
+    beyond, by least squares of duty over error.
 
     Args:
         errors: position errors (m,) [rad].
         duties: duty per error and unit of the proportional gain (m,) [1/rad], at these errors.
-        motors: identified units of one kind.
+        motors: identified motors of one type.
         voltage: of the supply [V].
         gain: the proportional gain P of the servo's register.
 
-    Returns:
-        The median over the units, and the least and the largest of them.
+    Returns: The median over the motors, and the least and the largest of them.
 
     Raises:
-        InvalidInput: numbers that are none, less than three errors, no motor.
+        InvalidInput: values that are not numbers, fewer than three errors, no motor.
     """
     error, duty = array_of("errors", errors, (None,)), array_of("duties", duties, (None,))
     alike("errors, duties", error, duty)

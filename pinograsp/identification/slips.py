@@ -16,18 +16,18 @@ _RESAMPLES = 200
 def identify_friction(
     normal: ArrayLike, tangential: ArrayLike, slips: ArrayLike, *, seed: int = 0
 ) -> tuple[Estimate | None, float]:
-    """Friction coefficient of a contact that slipped, and the largest ratio of forces while it stuck: a lower bound.
+    """Identify the friction coefficient of a contact that slipped, and a lower bound: the largest ratio of forces while
+    it stuck.
 
     Args:
-        normal, tangential: forces (s,) [N], or in one unit.
+        normal, tangential: forces (s,) [N], or in another common unit.
         slips: whether it slips (s,).
         seed: of the bootstrap.
 
-    Returns:
-        The coefficient, None where it never slipped for ten samples, and the lower bound.
+    Returns: The coefficient (None if it never slipped for ten samples), and the lower bound.
 
     Raises:
-        InvalidInput: arrays of other sizes, a normal force that is nowhere above 0.
+        InvalidInput: arrays of other sizes, or a normal force that is never above 0.
     """
     fn, ft = array_of("normal", normal, (None,)), np.abs(array_of("tangential", tangential, (None,)))
     slipping = np.asarray(slips)

@@ -24,16 +24,16 @@ _LENT = 5.0  # samples' worth of the scatter of all that each knot's scatter is 
 
 
 def find_lag(raw: ArrayLike, forces: ArrayLike, *, most: int) -> int:
-    """How many samples the forces of a load cell come after the counts of a taxel: where the forces scatter least about
-    the calibration. Clocks and filters that are apart look like hysteresis; what of it does not depend on the speed of
-    the presses is taken for a lag, too, as far as it looks like one.
+    """Find by how many samples the forces of a load cell follow the counts of a taxel: the lag with the least scatter
+    of the forces about the calibration. Offsets of clocks and filters look like hysteresis; conversely, hysteresis that
+    does not depend on the speed of the presses counts as a lag as far as it looks like one.
 
     Args:
         raw, forces: as for :func:`identify_taxel`.
-        most: samples that are tried, both ways.
+        most: largest lag that is tried, in both directions [samples].
 
     Raises:
-        InvalidInput: as there, with any lag; or too short a log.
+        InvalidInput: as there, with any lag; or the log is too short.
     """
     counts, pressed = _pair(raw, forces)
     most = integer("most", most, at_least=0, at_most=len(counts) // 4)
@@ -56,18 +56,18 @@ def find_lag(raw: ArrayLike, forces: ArrayLike, *, most: int) -> int:
 def identify_taxel(
     raw: ArrayLike, forces: ArrayLike, *, lag: int = 0, valid: tuple[float, float] | None = None
 ) -> TaxelCalibration:
-    """Force by raw counts of a taxel, by least squares of the forces over monotone curves that are 0 at rest.
+    """Calibrate the force of a taxel from its raw counts, by least squares over monotone curves that are 0 at rest.
 
-    Where counts no longer follow the force, the taxel is saturated: the curve ends before, and tells the least that
-    presses.
+    If counts no longer follow the force, the taxel is saturated: the curve ends before, and its last force is a lower
+        bound.
 
     Args:
         raw: counts of the taxel (s,), in the order of time, of presses from rest to the largest force and back.
-        forces: of a load cell that the same is pressed by (s,) [N], 0 at rest.
-        lag: samples by which the forces come after the counts, see :func:`find_lag`.
-        valid: least and largest count of a taxel that works; others are dead. None: those of the log, wider by a
-            quarter of its span where nothing presses, by half of it where more may press than was logged, and by a
-            fiftieth where the taxel is saturated.
+        forces: of a load cell under the same presses (s,) [N], 0 at rest.
+        lag: samples by which the forces follow the counts, see :func:`find_lag`.
+        valid: least and largest count of a working taxel; other counts mean that it is dead. None: those of the log,
+            extended by a quarter of its span at rest, and at the other end by half of it, or by a fiftieth if the taxel
+            is saturated.
 
     Raises:
         InvalidInput: arrays of other sizes, no samples at rest, counts that do not follow the force.
