@@ -45,8 +45,8 @@ class JointAxes:
     Attributes:
         names: of the joints.
         origins: a point of each axis in the hand's root frame (n, 3) [m].
-        directions: unit vectors along them (n, 3), about which, or along which, positions count.
-        slides: which joints slide (n,), so that only the direction of their axis is theirs; None: none of them.
+        directions: unit vectors along them (n, 3), in the sense of positive positions.
+        slides: which joints slide (n,), so that only the direction of their axis is defined; None: none of them.
     """
 
     names: tuple[str, ...]
@@ -57,7 +57,7 @@ class JointAxes:
     __repr__ = brief("names")
 
     def choose(self, names: Sequence[str]) -> JointAxes:
-        """Those of some joints, in this order; :class:`~pinograsp.errors.InvalidInput` for others."""
+        """Return the axes of some joints, in this order; :class:`~pinograsp.errors.InvalidInput` for others."""
         names = items_of("names", names, str)
         at = np.array([self.names.index(one_of("joint", name, self.names)) for name in names], dtype=int)
         return JointAxes(
@@ -68,10 +68,10 @@ class JointAxes:
         )
 
     def move(self, pose: ArrayLike) -> JointAxes:
-        """The same, seen from a frame in which this root frame is at ``pose`` (4, 4) [m].
+        """Return the same axes in a frame in which this root frame is at ``pose`` (4, 4) [m].
 
         Raises:
-            InvalidInput: no placement.
+            InvalidInput: not a placement.
         """
         pose = placement_of("pose", pose)
         return JointAxes(
@@ -84,12 +84,12 @@ class JointAxes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Alignment:
-    """How one hand lies on another.
+    """The placement of one hand on another.
 
     Attributes:
         names: of the joints in the two hands (n pairs).
         pose: aMb (4, 4), the root frame of hand b in that of hand a.
-        signs: 1 where a joint of b counts as that of a does, -1 where it counts the other way (n,).
+        signs: 1 if a joint of b counts in the same direction as that of a, -1 if in the opposite one (n,).
         distances: between the axes (n,) [m]; 0 for joints that slide.
         angles: between the axes (n,) [rad].
     """
@@ -104,7 +104,7 @@ class Alignment:
 
     @property
     def residual(self) -> float:
-        """The largest distance [m] of any pair, angles counted as distances 50 mm from where the axes meet."""
+        """The largest distance [m] of any pair; angles count as distances 50 mm from the intersection of the axes."""
         return float(max(self.distances.max(), _ARM * self.angles.max()))
 
     @property
@@ -116,11 +116,11 @@ class Alignment:
 def joint_axes(
     hand: HandModel, joints: Sequence[str] | None = None, at: Mapping[str, float] | None = None
 ) -> JointAxes:
-    """Axes of a hand's joints (by default all actuated ones) with these at zero, and others at ``at`` or, where that
-    does not name them, at ``hand.resting``.
+    """Return the axes of a hand's joints (by default all actuated ones) with these at zero, and others at ``at`` or, if
+    that does not name them, at ``hand.resting``.
 
     Raises:
-        InvalidInput: a joint that the hand does not have, or that follows another.
+        InvalidInput: a joint does not exist, or follows another.
     """
     instance_of("hand", hand, HandModel)
     names = hand.joint_names if joints is None else tuple(items_of("joints", joints, str))
@@ -152,13 +152,13 @@ def joint_axes(
 
 
 def alignment(a: JointAxes, b: JointAxes) -> Alignment:
-    """Lay hand b on hand a, whose joints correspond in their order.
+    """Align hand b with hand a, whose joints correspond in their order.
 
-    Of all placements, that with the least distances between the axes, and angles times 50 mm, where pairs that agree
-    count more than those that do not (a smooth sum of absolute values).
+    The placement minimises the distances between the axes, and angles times 50 mm; pairs that agree count more than
+    those that do not (a smooth sum of absolute values).
 
     Raises:
-        InvalidInput: fewer than three pairs, or axes that leave a turn or a shift open.
+        InvalidInput: fewer than three pairs, or axes that leave a rotation or a shift undetermined.
     """
     instance_of("a", a, JointAxes)
     instance_of("b", b, JointAxes)

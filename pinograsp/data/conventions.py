@@ -17,15 +17,15 @@ from pinograsp.spatial import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Convention:
-    """What a data set takes for a hand's root, and the order of its joints.
+    """The root frame and the order of joints that a data set uses for a hand.
 
     Attributes:
-        name: of this convention.
-        family: whose names of joints are known here: shadow, allegro, leap; or jaws.
+        name: name of this convention.
+        family: hand whose joint names are known here: shadow, allegro, leap; or jaws.
         root: the root frame, in words.
-        joints: in the order of the file, where that names none.
+        joints: in the order of the file, if that does not name them.
         axes: of the joints in the root frame; None for jaws.
-        link, pose: of jaws, the links by whose frame the root is known, and where it is in that (4, 4).
+        link, pose: for jaws, the links whose frame determines the root, and its pose in that frame (4, 4).
     """
 
     name: str

@@ -34,22 +34,23 @@ class Payload:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Format:
-    """How a data set writes its grasps.
+    """The file format of a data set's grasps.
 
     Attributes:
         name: of the format.
-        container: what kind of file it is, as :attr:`~pinograsp.data.files.File.container` has it.
+        container: the kind of file, see :attr:`~pinograsp.data.files.File.container`.
         sniff: whether a file of that kind is of this format.
-        read: the grasps of a file, part by part.
-        write: the file of grasps and what is written besides; :class:`~pinograsp.errors.InvalidInput` where the format
+        read: reads the grasps of a file, part by part.
+        write: makes the file of grasps and the additional values; :class:`~pinograsp.errors.InvalidInput` if the format
             cannot hold them.
-        keys: names of the format's own, which no label may have.
+        keys: names that the format uses, which no label may have.
         single: whether a file has one grasp.
         named: whether a file names the joints.
         scales: whether each grasp has its own scale of the object.
-        convention: by rows the name of their :class:`~pinograsp.data.conventions.Convention`, where the file tells.
-        ask: what to give where it does not, in words.
-        reach: label by which the hand's frame that is meant is farther along x than ``poses`` [m].
+        convention: from rows the name of their :class:`~pinograsp.data.conventions.Convention`, if the file determines
+            it.
+        ask: what to give otherwise, in words.
+        reach: label with the distance of the hand's actual frame along x from ``poses`` [m].
     """
 
     name: str

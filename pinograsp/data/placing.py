@@ -39,24 +39,24 @@ def place_hand(
     convention: str | None = None,
     at: Mapping[str, ArrayLike] | None = None,
 ) -> tuple[Array, Array]:
-    """Where the hand is in these grasps: placements bMh (N, 4, 4) of its root frame in the object's, and its q (N, n).
+    """Compute where the hand is in these grasps: placements bMh (N, 4, 4) of its root frame in the object's, and its q
+    (N, n).
 
-    Data sets mean another frame, other names, another order and another direction of joints than the hand's own file.
-    What they mean is known for public ones (:data:`~pinograsp.data.conventions.CONVENTIONS`), or taken from
-    ``original``: joints are matched by name, and the axes of those joints are laid on each other, which gives the
-    placement of the file's root in the hand and the direction of each joint. Descriptions that differ by more than 3 mm
-    are refused.
+    Data sets use other frames, names, orders and directions of joints than the hand's own file. For public ones the
+    package knows them (:data:`~pinograsp.data.conventions.CONVENTIONS`); otherwise they come from ``original``: joints
+    are matched by name, and the alignment of their axes gives the placement of the file's root in the hand and the
+    direction of each joint. Descriptions that differ by more than 3 mm are rejected.
 
     Args:
         rows: the grasps.
-        hand: the hand that they are for.
-        joints: the hand's joints by those of the file, ``{file: hand}`` (None: leave it out, where the file has 0), in
+        hand: the hand of these grasps.
+        joints: the hand's joints by those of the file, ``{file: hand}`` (None: leave it out; the file must have 0), in
             addition to those whose names are known; or the hand's joints in the order of the file, for all of them.
         frame: link of the hand that is the file's root frame.
         palm_in_root: hMf (4, 4), the file's root frame in the hand's root frame, instead. For GraspNet it is a frame
             between the fingertips' ends: x approaches, y closes.
         original: the file's own description of the hand, whose root frame is the file's.
-        convention: a name of ``CONVENTIONS``, where the file alone does not tell.
+        convention: a name of ``CONVENTIONS``, if the file alone does not determine it.
         at: positions of joints that the file does not give, ``{hand's joint: position}``, also (N,) [rad or m].
 
     Raises:

@@ -23,25 +23,26 @@ def read_grasps(
     most: int | None = None,
     keep: Keep = "valid",
 ) -> Iterator[GraspRows]:
-    """The grasps of a public data set's file, in blocks, in the order of the file.
+    """Read the grasps of a public data set's file, in blocks, in the order of the file.
 
-    Nothing of the file is run: pickles and PyTorch's files are taken apart opcode by opcode, and refused where they
-    hold more than numbers, texts, lists, dicts and arrays. ACRONYM's and GraspNet's files are read a part at a time;
-    the others are in memory once (512 MB at most).
+    Nothing in the file is executed: pickles and PyTorch's files are interpreted opcode by opcode, and rejected if they
+    hold more than numbers, texts, lists, dicts and arrays. ACRONYM's and GraspNet's files are read part by part; the
+    others are loaded into memory (512 MB at most).
 
     Args:
         path: the file.
-        format: how it is written, a name of :data:`~pinograsp.data.FORMATS`; ``"auto"`` tells by its content.
-        block: grasps a record has, at most.
-        most: grasps to read, at most; None: all.
-        keep: of GraspNet's grid, ``"valid"`` grasps that hold at some friction and do not collide, or ``"all"``.
+        format: a name of :data:`~pinograsp.data.FORMATS`; ``"auto"`` recognises the format by its content.
+        block: largest number of grasps in a record.
+        most: largest number of grasps to read; None: all.
+        keep: from GraspNet's grid, the ``"valid"`` grasps, which hold with some friction and do not collide, or
+            ``"all"``.
 
     Yields:
         records whose ``first`` counts the grasps before them.
 
     Raises:
-        GraspsNotRead: there is no such file, it is of another format, broken or hostile; or a row has what no grasp
-            has, after the rows before it were yielded.
+        GraspsNotRead: the file does not exist, is of another format, broken or hostile; or a row is not a possible
+            grasp; the rows before it are yielded first.
         ExtraMissing: ACRONYM's file without h5py (extra ``data``).
     """
     block = integer("block", block, at_least=1)

@@ -24,27 +24,27 @@ _LARGEST = 2**30  # [bytes] of labels and other arrays: the same array may stand
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GraspRows:
-    """Grasps (N) of one file, in the order of the file. Frames: b the object as its mesh has it, scaled; h what the
-    file takes for the hand's root; o the file's world.
+    """Grasps (N) of one file, in the order of the file. Frames: b the object's, that of its scaled mesh; h the hand's
+    root in the file; o the file's world.
 
     Attributes:
         source: the file.
-        format: how it is written, a name of :data:`~pinograsp.data.FORMATS`.
+        format: a name of :data:`~pinograsp.data.FORMATS`.
         first: index of the first of these rows in the file.
-        object_name: what the file calls the object: a path, a code; "" where it does not say.
-        hand_name: what the file calls the hand; "" where it does not say.
+        object_name: name of the object in the file: a path, a code; "" if it has none.
+        hand_name: name of the hand in the file; "" if it has none.
         poses: bMh (N, 4, 4), of the hand's root frame in the object's.
         q: positions (N, d) of the hand's joints [rad or m], in the order of the file; d is 0 for most jaws.
-        joint_names: of the d joints; () where the file does not name them.
+        joint_names: of the d joints; () if the file does not name them.
         scale: of the object's mesh (N,) [-].
-        object_pose: oMb (4, 4), of the object in the file's world, where z is up; None where the file has none.
+        object_pose: oMb (4, 4), of the object in the file's world, in which z is up; None if the file has none.
         pregrasp_poses, squeeze_poses: bMh (N, 4, 4) before the grasp and of the commanded posture that squeezes; None
-            where the file has none, or has them at ``poses``.
-        pregrasp_q, squeeze_q: joint positions (N, d) [rad or m] of these postures; None where the file has none.
-        widths: openings of jaws (N,) [m]; None where the file has none.
+            if the file has none, or if they equal ``poses``.
+        pregrasp_q, squeeze_q: joint positions (N, d) [rad or m] of these postures; None if the file has none.
+        widths: openings of jaws (N,) [m]; None if the file has none.
         labels: the file's own numbers of each row, {name: (N,)}: energies, scores, success.
-        extras: the file's other arrays of each row, {name: (N, ...)}: contacts, directions, forces. Units as there.
-        object_facts: what the file says of the object, {name: array}, as ``mass`` [kg] and ``friction`` [-].
+        extras: the file's other arrays of each row, {name: (N, ...)}: contacts, directions, forces, in its units.
+        object_facts: what the file says about the object, {name: array}, such as ``mass`` [kg] and ``friction`` [-].
     """
 
     source: str
@@ -74,10 +74,10 @@ class GraspRows:
         return len(self.poses)
 
     def only(self, which: ArrayLike) -> GraspRows:
-        """Some of the grasps, by a mask (N,) or by indices (M,), in that order.
+        """Return some of the grasps, by a mask (N,) or by indices (M,), in that order.
 
         Raises:
-            InvalidInput: a mask of another length, or indices that there are not.
+            InvalidInput: a mask of another length, or indices out of range.
         """
         try:
             wanted = np.asarray(which)
@@ -98,7 +98,8 @@ class GraspRows:
         return replace(self, first=self.first + int(at[0]) if len(at) else self.first, **values)
 
     def at(self, posture: Literal["pregrasp", "grasp", "squeeze"]) -> GraspRows:
-        """The same grasps with another posture as ``poses`` and ``q``: before the grasp, or the one that squeezes.
+        """Return the same grasps with another posture as ``poses`` and ``q``: before the grasp, or the one that
+        squeezes.
 
         Raises:
             InvalidInput: the file has no such posture.
@@ -113,7 +114,7 @@ class GraspRows:
 
     @property
     def world_poses(self) -> Array:
-        """oMh (N, 4, 4), of the hand's root in the file's world; ``poses`` where the file has no world."""
+        """oMh (N, 4, 4), of the hand's root in the file's world; ``poses`` if the file has no world."""
         return self.poses if self.object_pose is None else read_only(self.object_pose @ self.poses)
 
 

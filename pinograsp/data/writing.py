@@ -36,16 +36,16 @@ def write_grasps(
 ) -> Path:
     """Write grasps in a data set's own format, completely or not at all, and return the path.
 
-    What was read from a file is written so that it is read back equal; keys of the file that hold no numbers of each
-    row are not kept. Forces come under ``contact_force``, with ``force_unit: N`` and ``force_frame: object``, points
-    under ``contact_point``.
+    Grasps that were read from a file are written so that reading returns equal ones; keys of the file without numbers
+    for each row are not kept. Forces are stored under ``contact_force``, with ``force_unit: N`` and ``force_frame:
+    object``, points under ``contact_point``.
 
     Args:
         path: the new file; an old one is replaced.
         rows: the grasps (N), also in blocks as :func:`read_grasps` yields them, all of one object and hand.
-        format: how to write; None: as they were read.
+        format: a name of :data:`~pinograsp.data.FORMATS`; None: the format in which they were read.
         forces: on the object, in the object's frame b (N, k, 3) [N].
-        points: where they act, in the same frame (N, k, 3) [m].
+        points: their points of application, in the same frame (N, k, 3) [m].
         labels: further numbers of each grasp, {name: (N,)}; they replace labels of the same name.
 
     Raises:
@@ -62,10 +62,10 @@ def write_grasps(
 
 
 def join_rows(rows: GraspRows | Iterable[GraspRows]) -> GraspRows:
-    """Blocks of one file as one record.
+    """Join blocks of one file into one record.
 
     Raises:
-        InvalidInput: none, or grasps of different files.
+        InvalidInput: no blocks, or grasps of different files.
     """
     if isinstance(rows, GraspRows):
         return rows
