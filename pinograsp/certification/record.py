@@ -297,7 +297,8 @@ def placement_hint(reasons: ArrayLike, depths: ArrayLike, what: str = "the objec
         depths: for each grasp, as in :class:`Certificates` (N,) [m].
         what: the object, in words.
 
-    Returns: A sentence; empty if too many grasps are none of these, or there are fewer than five.
+    Returns:
+        A sentence; empty if too many grasps are none of these, or there are fewer than five.
     """
     reason, depth = np.asarray(reasons), np.asarray(depths, dtype=float)
     inside = reason == Status.PENETRATES.code

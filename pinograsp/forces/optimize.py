@@ -45,7 +45,8 @@ def optimize_forces(
             contacts and Clarabel above. If a solver does not support the problem, or its answer fails the certificate,
             DAQP and Clarabel follow; the record names the one that answered.
 
-    Returns: A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``;
+    Returns:
+        A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in ``infeasibility``;
         or ``INACCURATE`` if neither could be certified.
 
     Raises:

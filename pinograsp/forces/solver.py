@@ -71,7 +71,8 @@ class ForceSolver:
         Args:
             load: default: the problem's.
 
-        Returns: A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in
+        Returns:
+            A record with status ``OK`` and its certificate; ``INFEASIBLE`` with a checked proof in
             ``infeasibility``; or ``INACCURATE`` if neither could be certified.
 
         Raises:

@@ -102,7 +102,8 @@ def identify_servo_stiffness(
         voltage: of the supply [V].
         gain: the proportional gain P of the servo's register.
 
-    Returns: The median over the motors, and the least and the largest of them.
+    Returns:
+        The median over the motors, and the least and the largest of them.
 
     Raises:
         InvalidInput: values that are not numbers, fewer than three errors, no motor.

@@ -24,7 +24,8 @@ def identify_friction(
         slips: whether it slips (s,).
         seed: of the bootstrap.
 
-    Returns: The coefficient (None if it never slipped for ten samples), and the lower bound.
+    Returns:
+        The coefficient (None if it never slipped for ten samples), and the lower bound.
 
     Raises:
         InvalidInput: arrays of other sizes, or a normal force that is never above 0.

@@ -68,7 +68,8 @@ def plan_best(
             some seconds each, more for meshes that are not convex. Lost plans come last, with a caution; held ones have
             a note.
 
-    Returns: The first plan that is ``OK``, and held if it is checked; if there is none, the plan of the best grasp that
+    Returns:
+        The first plan that is ``OK``, and held if it is checked; if there is none, the plan of the best grasp that
         could be planned, with its status. A plan of those that come last is returned only if the first few are all of
         that kind: the one with the fewest faults.
 

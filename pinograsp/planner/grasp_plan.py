@@ -167,7 +167,8 @@ class GraspPlan(PlanRecord):
                 :func:`pinograsp.handover.closing_commands`.
             commanding: rate, start, lead, blend; for drives also stiffness, damping, shortfall.
 
-        Returns: The trajectory, which includes its deviation from the plan; with a command its columns are the drives,
+        Returns:
+            The trajectory, which includes its deviation from the plan; with a command its columns are the drives,
             for ``jaw`` their coordinates and efforts.
 
         Raises:

@@ -213,7 +213,8 @@ class ForceQP(QuadraticProgram, ScaledForces):
             settle: remove the balance's residual by the least correction first, as ``optimize_forces`` does; False: x
                 is judged as it is.
 
-        Returns: Status ``OK`` if the certificate accepts x, else ``INACCURATE``; ``certificate.is_optimal(tolerance)``
+        Returns:
+            Status ``OK`` if the certificate accepts x, else ``INACCURATE``; ``certificate.is_optimal(tolerance)``
             answers for other tolerances.
 
         Raises:
