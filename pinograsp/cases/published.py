@@ -11,17 +11,16 @@ from pinograsp.cases.case import Case, with_changes
 from pinograsp.cases.changes import CaseChanges
 from pinograsp.contacts import Measure
 from pinograsp.contacts.quality import Balance
-from pinograsp.errors import Status
 from pinograsp.forces import (
     ForceProblem,
     GridSpec,
     QPSolverName,
     Reserve,
     grid_search,
+    least_squeeze,
     optimize_grasp,
     qp_solvers,
     refine_multipliers,
-    search_reserve,
 )
 from pinograsp.motion import contact_postures
 from pinograsp.motion.grasp_ik import ContactPath, press_points
@@ -114,11 +113,11 @@ def _tell_reserve(plan: GraspPlan) -> str:
     a force in any direction, or as a moment about any axis, which is what contacts on one thin side lack.
     """
     least, most, default = 0.0, Reserve().disturbance, Reserve()
-    if search_reserve(plan.problem, default).status is Status.OK:
+    if least_squeeze(plan.problem, default) is not None:
         return f"a squeeze of these contacts withstands pushes and moments of {100 * most:.0f} % of the weight"
     for _ in range(_HALVINGS):
         middle = (least + most) / 2
-        works = search_reserve(plan.problem, replace(default, disturbance=middle)).status is Status.OK
+        works = least_squeeze(plan.problem, replace(default, disturbance=middle)) is not None
         least, most = (middle, most) if works else (least, middle)
     push = f"{100 * least:.1g} % of the weight (default: {100 * default.disturbance:.0f} %)"
     return f"a squeeze of these contacts withstands a push or moment of {push}"
