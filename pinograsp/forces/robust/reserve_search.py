@@ -146,8 +146,11 @@ def search_reserve(
         before, after = times[max(best - 1, 0)], times[min(best + 1, len(times) - 1)]
         if after - before <= _NARROW * (late - early):
             break
+        at, narrow = times[best], _NARROW * (late - early)
+        if best in (0, len(times) - 1):  # late impacts mostly cost least: whether the last one does, the next tells
+            cost(at + 0.99 * narrow if best == 0 else at - 0.99 * narrow)
+            continue
         # The larger of the two parts beside the best, at the golden section.
-        at = times[best]
         cost(at + _GOLDEN * (after - at) if after - at > at - before else at - _GOLDEN * (at - before))
     best_time = min(tried, key=cost)
     return replace(tried[best_time], tried=len(tried), elapsed=time.perf_counter() - started)
