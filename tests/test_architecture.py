@@ -72,6 +72,8 @@ OWNERS = {
     "coacd": {"objects"},
     "coal": {"hands", "objects", "contacts", "simulation", "pick"},
     "mujoco": {"hands", "objects", "simulation", "handover"},
+    "mujoco_menagerie": {"hands"},
+    "robot_descriptions": {"hands"},
     "trimesh": {"hands", "objects"},
     "fast_simplification": {"hands"},
     "h5py": {"data"},

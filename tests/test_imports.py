@@ -26,6 +26,7 @@ BROUGHT = {
 # Declared, and reached by another way than an import.
 REACHED = {
     "example-robot-data": "files",
+    "mujoco": "by mujoco-menagerie, whose choice it bounds",
     "osqp": "by name through qpsolvers",
     "proxsuite": "by name through qpsolvers",
     "ros-rmw-fastrtps-cpp": "by name through rclpy",

@@ -32,7 +32,8 @@ def hands(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="A hand from the catalogue, or a URDF, xacro or MJCF file; without a name, the catalogue is listed.",
+            help="A hand from the catalogue, menagerie:NAME, robot_descriptions:NAME, or a URDF, xacro or MJCF file; "
+            "without a name, the catalogue is listed.",
             autocompletion=completion.complete_hands,
         ),
     ] = None,
@@ -57,14 +58,17 @@ def hands(
       pinograsp hands so101 --drives
 
     For your own file, give its path, with --root, --package and --arg if it needs
-    them.
+    them. The names menagerie: and robot_descriptions: list the hands of these two
+    packages (extra names).
     """
     from pinograsp.hands import load_hand
     from pinograsp.hands.catalogue import CATALOGUE
+    from pinograsp.hands.libraries import LIBRARIES
     from pinograsp.hands.sheets import write_sheet
     from pinograsp.hands.summary import record
 
-    if name is None:
+    library = next((one for one in LIBRARIES if name == f"{one}:"), None)
+    if name is None or library is not None:
         if arm.root is not None:
             raise InvalidInput("--root needs the NAME of a hand or file")
         if arm != ArmOptions() or write_drives:
@@ -72,7 +76,10 @@ def hands(
                 "--palm, --finger, --package, --arg, --trusted, --masses, --exclude, --srdf, --drives, --posture, "
                 "--write-drives need the NAME of a hand or file"
             )
-        _list_hands(session)
+        if library is None:
+            _list_hands(session)
+        else:
+            _list_library(library, session)
         return
     hand = load_hand(name, **arm.settings())
     if write_drives:
@@ -88,11 +95,12 @@ def hands(
 
 
 def _list_hands(session: Session) -> None:
-    from pinograsp.hands.summary import cells, overview
+    from pinograsp.hands.libraries import LIBRARIES
+    from pinograsp.hands.summary import cells, library_names, overview
 
     rows, problems = overview()
     if session.as_json:
-        session.print_json({"hands": rows, "problems": problems})
+        session.print_json({"hands": rows, "problems": problems, "others": library_names()})
         raise typer.Exit(2 if problems else 0)
     names = ["name", "title", "joints", "moving", "mass [kg]", "fingers", "effort limits"]
     listed = [dict(zip(names, cells(row))) for row in rows]
@@ -106,6 +114,18 @@ def _list_hands(session: Session) -> None:
         [[cell[name] for name in names] for cell in listed],
     )
     # No empty line before it, and as much as fits: with it the list fills a terminal of 24 lines.
-    console().print(f" Next: {command('hands', rows[0]['name'])} shows everything about one", style="bold")
+    others = " or ".join(f"{library}:" for library in LIBRARIES)
+    console().print(f" Next: {command('hands', rows[0]['name'])}, or {others} for others", style="bold")
     if problems:
         raise InvalidInput("; ".join(problems))
+
+
+def _list_library(library: str, session: Session) -> None:
+    from pinograsp.hands.libraries import list_library
+
+    titles = {f"{library}:{name}": title for name, title in list_library(library).items()}
+    if session.as_json:
+        session.print_json({"hands": [{"name": name, "title": title} for name, title in titles.items()]})
+        return
+    print_table({"name": {"no_wrap": True}, "title": {}}, [[name, title] for name, title in titles.items()])
+    console().print(f" Next: {command('hands', next(iter(titles)))} (fetches it)", style="bold")

@@ -116,7 +116,7 @@ class WhatOptions:
         complete=completion.cases,
     )
     hand: str | None = _thing(
-        "With --object: a hand from the catalogue, or its file.", complete=completion.complete_hands
+        "With --object: a hand from the catalogue, menagerie:NAME, or its file.", complete=completion.complete_hands
     )
     object: str | None = _thing(f"With --hand: object to hold, such as {SPECS}.", complete=completion.objects)
 
@@ -172,7 +172,9 @@ def plan(
         options = {**grasp.settings(), **arm.settings(), **chosen, **alone.settings(), "wishes": wishes.settings()}
         described = make_case(hand, object, options)
         kind = object.partition(":")[0]
-        _plan_pair(described, f"{Path(hand).stem}-{kind}", (out, force), session)
+        # Of a library's name, menagerie:leap_hand/left_hand, the robot and its file.
+        called = hand.partition(":")[2].replace("/", "-") or Path(hand).stem
+        _plan_pair(described, f"{called}-{kind}", (out, force), session)
     else:
         raise InvalidInput("expected either CASE, or --hand and --object")
 

@@ -46,8 +46,8 @@ def attach(
     """Mount a hand on an arm: the robot of both, with the hand's fingers, palm, drives and limits.
 
     Args:
-        arm, hand: files, texts or specifications, as for :func:`load_hand`, in any pair of formats; the hand may be a
-            name of the catalogue.
+        arm, hand: files, texts, specifications or names of libraries, as for :func:`load_hand`, in any pair of formats;
+            the hand may be a name of the catalogue.
         link: link of the arm to which the hand's root is fixed.
         at: the hand's root frame in that link (4, 4); identity by default.
         remove: links of the arm to leave out with everything that they carry, such as a hand in the file.

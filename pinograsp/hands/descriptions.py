@@ -18,6 +18,7 @@ from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.catalogue import CATALOGUE, convex_parts_of, file_of
 from pinograsp.hands.elements import is_text, parse, read_bytes
 from pinograsp.hands.finger_names import Labels
+from pinograsp.hands.libraries import LIBRARIES, find_in_library, is_library_name
 from pinograsp.hands.mesh_file import LFS_POINTER
 from pinograsp.hands.motors import Actuation
 from pinograsp.hands.ros_packages import packages_of
@@ -81,6 +82,7 @@ def read_description(
 
     Raises:
         HandNotLoaded: the file is missing or broken.
+        ExtraMissing: the name is one of a library that is not installed.
         InvalidInput: packages or arguments that are none.
     """
     folders = packages_of(packages)
@@ -91,10 +93,16 @@ def read_description(
         spec = cast("mujoco.MjSpec", source)
         return _from_mjcf(spec.modelname, compile_spec(spec.modelname, spec), root, MeshNames(folder=Path()))
     name = source if isinstance(source, str) else str(path_of("hand", source))
+    notes = list[str]()
     if is_text(name):
         path, text, name = Path("text.xml"), name, "text"
     else:
-        path = file_of(name) if name in CATALOGUE else _find_file(name)
+        if is_library_name(name):
+            found = find_in_library(name)
+            path, notes = found.path, list(found.notes)
+            folders, arguments = {**found.packages, **folders}, {**found.xacro_args, **arguments}
+        else:
+            path = file_of(name) if name in CATALOGUE else _find_file(name)
         text = "" if path.suffix.lower() == ".xacro" else _read_text(name, path)
     if path.suffix.lower() == ".xacro":
         text = expand_xacro(path, arguments, trusted=trusted, packages=folders)
@@ -104,10 +112,11 @@ def read_description(
     if element.tag == "mujoco":
         from pinograsp.hands.mjcf_source import compile_file
 
-        return _from_mjcf(name, compile_file(name, element, path, trusted), root, names)
+        described = _from_mjcf(name, compile_file(name, element, path, trusted), root, names)
+        return replace(described, notes=[*notes, *described.notes])
     if name in CATALOGUE:
         _put_convex_parts(element, convex_parts_of(name))
-    problems, notes = list[str](), list[str]()
+    problems = list[str]()
     add_couplings(element, problems, notes)
     actuation = actuation_of(element, problems)
     outside = set() if root is None else cut_out(name, element, root, notes)
@@ -168,7 +177,9 @@ def _find_file(name: str) -> Path:
     near = difflib.get_close_matches(name, CATALOGUE, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise HandNotLoaded(
-        name, f"no such file; expected a .urdf, .xacro or MJCF .xml file, or one of: {', '.join(CATALOGUE)}{hint}"
+        name,
+        f"no such file; expected a .urdf, .xacro or MJCF .xml file, a name of a library "
+        f"({', '.join(f'{one}:NAME' for one in LIBRARIES)}), or one of: {', '.join(CATALOGUE)}{hint}",
     )
 
 

@@ -71,7 +71,10 @@ def load_hand(
     Args:
         source: a name of :data:`~pinograsp.hands.catalogue.CATALOGUE` (``pinograsp hands`` lists them), the path of a
             ``.urdf``, ``.xacro`` or MJCF ``.xml`` file, the text of a URDF or MJCF, or a ``mujoco.MjSpec``, which is
-            not changed. File names in a text are relative to the working folder.
+            not changed. File names in a text are relative to the working folder. Also a name of the package
+            ``mujoco_menagerie`` or ``robot_descriptions``, as ``menagerie:leap_hand/right_hand`` or
+            ``robot_descriptions:barrett_hand_description`` (extra ``names``), which fetches the file when it is first
+            used.
         pose: oMh (4, 4), the hand's root frame in the world; identity by default.
         root: link whose sub-tree is the hand, if it is mounted on an arm or a whole robot; its frame is the hand's root
             frame.
@@ -102,6 +105,7 @@ def load_hand(
 
     Raises:
         HandNotLoaded: the file is missing or broken; all problems found are listed.
+        ExtraMissing: the package that a name belongs to is not installed.
         InvalidInput: a name, a limit, a posture, a drive or a spring given here does not fit the hand.
     """
     for argument, value in (("root", root), ("palm", palm)):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from pinograsp.errors import HandNotLoaded
+from pinograsp.errors import ExtraMissing, HandNotLoaded
 from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.hands.drive_records import drive_record
+from pinograsp.hands.libraries import LIBRARIES, list_library
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import HandModel
 from pinograsp.hands.reach import measure_reach
@@ -80,6 +81,17 @@ def overview() -> tuple[list[dict[str, Any]], list[str]]:
             }
         )
     return rows, problems
+
+
+def library_names() -> dict[str, list[str] | None]:
+    """Names of hands and grippers by library, as ``load_hand`` takes them; None: its package is not installed."""
+    names: dict[str, list[str] | None] = {}
+    for library in LIBRARIES:
+        try:
+            names[library] = [f"{library}:{name}" for name in list_library(library)]
+        except ExtraMissing:
+            names[library] = None
+    return names
 
 
 def _effort_ranges(hand: HandModel) -> dict[str, list[float]]:

@@ -675,3 +675,24 @@ def test_no_file_lets_its_hand_run_code(command, tmp_path):
 def test_unknown_keys_of_a_case_come_with_the_nearest(key, near):
     with pytest.raises(CaseRejected, match=f"did you mean '{near}'"):
         load_case("paper", {key: 1})
+
+
+@pytest.mark.parametrize("library", ["menagerie", "robot_descriptions"])
+def test_hands_of_other_packages_are_listed(command, loaded_once, library):
+    from pinograsp.errors import ExtraMissing
+    from pinograsp.hands.libraries import list_library
+
+    try:
+        names = [f"{library}:{name}" for name in list_library(library)]
+    except ExtraMissing:
+        names = None
+    assert json.loads(command("hands", "--json")[1])["others"][library] == names
+    assert f"{library}:" in command("hands")[1].splitlines()[-1]
+    code, out, err = command("hands", f"{library}:")
+    if names is None:
+        assert code == 2 and out == "" and "pinograsp[names]" in err
+        return
+    assert code == 0 and [line.split()[0] for line in out.splitlines() if f"{library}:" in line][:-1] == names
+    code, out, _ = command("hands", f"{library}:", "--json")
+    assert code == 0 and [row["name"] for row in json.loads(out)["hands"]] == names
+    assert "need the NAME" in command("hands", f"{library}:", "--trusted")[2]
