@@ -19,6 +19,7 @@ from pinograsp.cli.pick import pick
 from pinograsp.cli.plan import CommandWithObjects, plan
 from pinograsp.cli.report import report
 from pinograsp.cli.ros2 import ros2
+from pinograsp.cli.screen import tell_missing_core
 from pinograsp.cli.session import Quiet, Verbose, as_command
 from pinograsp.cli.sweep import sweep
 from pinograsp.cli.view import view
@@ -38,6 +39,7 @@ def _print_version(show: bool) -> None:
         from importlib.metadata import version
 
         typer.echo(f"pinograsp {version('pinograsp')}")
+        tell_missing_core()
         raise typer.Exit()
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pinograsp.cli.screen import show, tell
+from pinograsp.cli.screen import show, tell, tell_missing_core
 from pinograsp.cli.session import Session
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def bench(
             raise InvalidInput(f"--contacts: expected at least 3 and at most {_MOST_CONTACTS}, got {k}")
     fast = core.is_installed()
     if not fast:
-        typer.echo("the compiled core is missing: install pinograsp with a C++17 compiler at hand", err=True)
+        tell_missing_core()
     rows: list[dict[str, Any]] = []
     for k in contacts:
         problem, loads = _problem(k)

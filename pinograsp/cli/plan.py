@@ -12,7 +12,7 @@ from typer.core import TyperCommand
 
 from pinograsp.cli import completion
 from pinograsp.cli.options import ArmOptions, GraspOptions, WishOptions, force_option, new_folder, out_option
-from pinograsp.cli.screen import RIGHT, columns, command, needs, print_table, show
+from pinograsp.cli.screen import RIGHT, columns, command, needs, print_table, show, tell_missing_core
 from pinograsp.cli.session import Session, argument, option
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
 
@@ -154,6 +154,8 @@ def plan(
 
     What each answer means: docs/howto/answers.md
     """
+    if not (session.as_json or session.quiet):
+        tell_missing_core()
     chosen = {key: value for key, value in asdict(forces).items() if value is not None}
     case, hand, object = what.case, what.hand, what.object
     if case is not None and hand is None and object is None:

@@ -60,6 +60,15 @@ def tell(text: str, width: int | None = None) -> None:
         typer.echo(line)
 
 
+def tell_missing_core() -> None:
+    """Print one line to standard error if the compiled core is missing, about which pip is silent."""
+    from pinograsp import core
+
+    if not core.is_installed():
+        what = "the compiled core is missing, so plans take longer and 1 kHz loops are refused"
+        typer.echo(f"pinograsp: {what}: {core.REMEDY}", err=True)
+
+
 def wrap_text(text: str, width: int | None = None) -> list[str]:
     """Lines of at most ``width`` columns, those of the terminal by default; longer words (paths) stay whole."""
     found = []

@@ -14,6 +14,7 @@ from types import ModuleType
 from pinograsp.errors import ExtraMissing
 
 CONVERGED, STALLED, INFEASIBLE = 0, 1, 2  # what the core answers
+REMEDY = "install pinograsp with a C++17 compiler at hand, or from a wheel"  # for a missing core
 
 _FOLDER = Path(__file__).resolve().parent
 _LEVELS = ("base", "v3", "v4")  # instructions of x86-64; other processors have one
@@ -39,9 +40,7 @@ def load() -> ModuleType:
     try:
         base = importlib.import_module(f"{__name__}._core_base")
     except ImportError as error:
-        raise ExtraMissing(
-            f"the compiled core is missing ({error}): install pinograsp with a C++17 compiler at hand, or from a wheel"
-        ) from error
+        raise ExtraMissing(f"the compiled core is missing ({error}): {REMEDY}") from error
     best: str = base.best_level()
     wanted = os.environ.get("PINOGRASP_CORE_LEVEL", best)
     level = min(best, wanted, key=_LEVELS.index) if wanted in _LEVELS else best

@@ -255,6 +255,19 @@ def test_version(command):
     assert command("--version") == (0, f"pinograsp {version('pinograsp')}\n", "")
 
 
+def test_a_missing_core_is_told_in_one_line(command, monkeypatch, tmp_path):
+    """As pip is silent where there was no compiler."""
+    from pinograsp import core
+
+    monkeypatch.setattr(core, "is_installed", lambda: False)
+    code, _, err = command("--version")
+    (line,) = err.splitlines()
+    assert code == 0 and "compiled core is missing" in line and "C++17 compiler" in line
+    assert command("plan", "gone.yaml", "--out", str(tmp_path / "run"))[2].splitlines()[0] == line
+    assert line not in command("plan", "gone.yaml", "--out", str(tmp_path / "run"), "--quiet")[2]
+    assert command("plan", "gone.yaml", "--out", str(tmp_path / "run"), "--json")[2] == ""
+
+
 # -- examples of the help ----------------------------------------------------------------------------------------------
 
 
