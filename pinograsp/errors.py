@@ -7,7 +7,7 @@ on the returned record; only the top level raises.
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from pinograsp.words import escape_controls, printable
 _LONGEST_PROBLEM = 600  # characters about a file of grasps
 
 
-class Status(str, Enum):
+class Status(StrEnum):
     """How a stage, a plan, a grasp that was certified, or a command ended: one word each.
 
     ``OK`` is the success of stages, plans and commands, ``HELD`` that of certified grasps.
@@ -47,9 +47,6 @@ class Status(str, Enum):
     DRIVES = "drives"
     UNDECIDED = "undecided"
     GEOMETRY_FAILED = "geometry_failed"
-
-    def __str__(self) -> str:
-        return self.value
 
     @property
     def words(self) -> str:

@@ -80,7 +80,6 @@ OWNERS = {
     "yourdfpy": {"hands"},
     "xacro": {"hands"},
     "simpleeval": {"hands"},
-    "tomli": {"hands"},
     "pink": {"pick"},
     "ompl": {"pick"},
     "toppra": {"pick"},

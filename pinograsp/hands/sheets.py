@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import json
-import sys
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +18,6 @@ from pinograsp.hands.drives import ON_DRIVES, Drive
 from pinograsp.hands.elements import read_bytes
 from pinograsp.hands.file_reads import is_there
 from pinograsp.hands.model import HandModel
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 SUFFIX = ".drives.toml"
 _LARGEST = 2**22  # [bytes]
