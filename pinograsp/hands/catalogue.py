@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import math
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -339,11 +340,14 @@ def file_of(name: str) -> Path:
     if entry.shipped:
         return shipped_folder() / entry.file
     wanted = f"example-robot-data/robots/{entry.file}"
+    shared = Path(sys.prefix, "share", wanted)  # where conda's package has them, which is none of Python's
     try:
         files = importlib.metadata.files("example-robot-data") or []
-    except importlib.metadata.PackageNotFoundError as error:
-        raise HandNotLoaded(name, "needs the package example-robot-data: pip install example-robot-data") from error
-    found = next((Path(file.locate()) for file in files if str(file).endswith(wanted)), None)
-    if found is None or not found.is_file():
-        raise HandNotLoaded(name, f"example-robot-data has no {entry.file}: install version 6 or later")
-    return found
+    except importlib.metadata.PackageNotFoundError:
+        files = None
+    found = next((Path(file.locate()) for file in files or () if str(file).endswith(wanted)), shared)
+    if found.is_file():
+        return found
+    if files is None:
+        raise HandNotLoaded(name, "needs the package example-robot-data: pip install example-robot-data")
+    raise HandNotLoaded(name, f"example-robot-data has no {entry.file}: install version 6 or later")

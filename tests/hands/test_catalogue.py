@@ -125,6 +125,21 @@ def test_a_missing_package_is_named(monkeypatch):
     assert load_hand("humanoid").n == 20
 
 
+def test_files_without_a_python_package_are_found(monkeypatch, tmp_path):
+    """As conda has them: in share/ of the environment."""
+    file = catalogue.file_of("panda")
+    (tmp_path / "share").mkdir()
+    robots = next(folder for folder in file.parents if folder.name == "example-robot-data")
+    (tmp_path / "share" / "example-robot-data").symlink_to(robots)
+
+    def absent(_):
+        raise catalogue.importlib.metadata.PackageNotFoundError("example-robot-data")
+
+    monkeypatch.setattr(catalogue.importlib.metadata, "files", absent)
+    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    assert catalogue.file_of("panda").samefile(file)
+
+
 def test_a_name_spelt_wrong_gets_a_suggestion():
     with pytest.raises(HandNotLoaded, match="did you mean 'allegro_right'"):
         load_hand("allegro_rigth")
