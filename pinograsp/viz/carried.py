@@ -78,7 +78,7 @@ class _Carried(Protocol):
 
 
 def path_speed(plan: _Carried) -> Figure:
-    """Speed over the path parameter, coloured by what binds, below the speed at which each place may be passed."""
+    """Speed over the path parameter, coloured by the limit that binds, below the largest speed at each place."""
     s, speed = plan.s, plan.speed
     middles = CubicHermiteSpline(plan.times, s, speed)(plan.instants)
     figure = NotebookFigure(figsize=(_WIDTH, 5.0), layout="constrained")
@@ -112,7 +112,7 @@ def path_speed(plan: _Carried) -> Figure:
 
 
 def normal_forces(plan: _Carried) -> Figure:
-    """Sum of the normal forces and those of the contacts over time; dashed: commanded, where that is something else."""
+    """Sum of the normal forces and those of the contacts over time; dashed: commanded, if different."""
     figure = NotebookFigure(figsize=(_WIDTH, 6.0), layout="constrained")
     total, each = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.7))
     forces, commanded = plan.normal_forces, plan.commanded
@@ -134,7 +134,7 @@ def normal_forces(plan: _Carried) -> Figure:
 
 
 def carry_friction(plan: _Carried) -> Figure:
-    """Share of the friction relied on that each contact uses over time; 1: all of it."""
+    """Share of the friction on which the plan relies that each contact uses over time; 1: all of it."""
     figure = NotebookFigure(figsize=(_WIDTH, 4.4), layout="constrained")
     axes = figure.subplots()
     _contacts(axes, plan, plan.friction_use)
@@ -147,7 +147,7 @@ def carry_friction(plan: _Carried) -> Figure:
 
 
 def torque_shares(plan: _Carried) -> Figure:
-    """Joint torques over their limits over time, of the arm and of the fingers."""
+    """Joint torques as shares of their limits over time, of the arm and of the fingers."""
     limits = plan.torque_limits
     fingers = _fingers(plan)
     arm = np.setdiff1d(np.arange(plan.robot.n), fingers)

@@ -352,5 +352,5 @@ def figure_files(plan: PlanRecord) -> list[str]:
 
 
 def save_figures(plan: PlanRecord, folder: str | Path) -> list[Path]:
-    """Write all figures of a plan as PNG files, and a picture of it where it has its hand; returns their paths."""
+    """Write all figures of a plan as PNG files, and a picture if it has its hand; returns their paths."""
     return save_all(_figures(instance_of("plan", plan, PlanRecord)), folder)

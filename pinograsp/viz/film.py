@@ -43,19 +43,19 @@ def write_film(
     seconds: float = 4.0,
     progress: bool | None = None,
 ) -> Path:
-    """Write a moving picture of a scene; returns its path.
+    """Write a film of a scene; returns its path.
 
     Args:
-        scene: its instants pass, slower while forces grow; then the last one stays for a while.
-        path: .gif (480 x 360 pixels, plays again and again) or .mp4 (720 x 540, needs ffmpeg).
-        view: as for :func:`~pinograsp.viz.still.picture`; the camera stands still.
-        collision_shapes: draw the shapes that plans work with, in place of the hand as it looks.
-        seconds: how long it takes, up to 60.
+        scene: the film shows its instants, slower while forces grow, and stays on the last one for a while.
+        path: .gif (480 x 360 pixels, in an endless loop) or .mp4 (720 x 540, needs ffmpeg).
+        view: as for :func:`~pinograsp.viz.still.picture`; the camera does not move.
+        collision_shapes: draw the collision shapes instead of the visual ones.
+        seconds: length of the film, up to 60.
         progress: show a progress bar; None: on a terminal.
 
     Raises:
         InvalidInput: another suffix, view or length.
-        ExtraMissing: no ffmpeg for an MP4.
+        ExtraMissing: ffmpeg is missing for an MP4.
         ResultsNotWritten: the file cannot be written.
     """
     path = path_of("path", path)
@@ -99,7 +99,7 @@ def _image_of(figure: Figure, sheet: Sheet) -> Image.Image:
 
 
 def choose_frames(scene: ViewScene, count: int) -> IntArray:
-    """Which instants ``count`` pictures show; the last one stays."""
+    """Choose the instants of ``count`` pictures; the last one stays."""
     last = len(scene.times) - 1
     stops = [0, scene.frame_at(scene.touch), scene.frame_at(scene.closed), last]
     parts = [(first, until, share) for first, until, share in zip(stops, stops[1:], _SHARES) if until > first]

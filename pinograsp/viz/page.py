@@ -35,7 +35,7 @@ def save_html(plan: PlanRecord, path: str | Path, *, simulation: Simulation | No
 
     Args:
         plan: as for :func:`~pinograsp.viz.viewer.view`.
-        path: of the file; an existing file is overwritten.
+        path: path of the file; an existing file is overwritten.
         simulation: as for :func:`~pinograsp.viz.viewer.view`.
 
     Raises:
@@ -70,7 +70,7 @@ class _Bytes:
 
 
 def render_page(scene: ViewScene) -> str:
-    """The page that shows a scene, as HTML."""
+    """Render the page of a scene as HTML."""
     template = files("pinograsp.viz").joinpath("viewer.html").read_text(encoding="utf-8")
     # "<" could end the script element that holds the record.
     record = json.dumps(_record(scene), allow_nan=False).replace("<", "\\u003c")

@@ -45,13 +45,13 @@ _VIEWS = ("front", "back", "side", "top")
 
 
 class Sheet(NamedTuple):
-    """What a picture is drawn on.
+    """The sheet on which a picture is drawn.
 
     Attributes:
         width, height: in pixels.
-        dpi: of them per inch, for letters and lines.
-        vector: arrows are vector graphics, on white, and the rest has twice as many pixels.
-        fading: the ground darkens towards the lower edge.
+        dpi: pixels per inch, for letters and lines.
+        vector: arrows are vector graphics on white, and the rest has twice as many pixels.
+        fading: the background darkens towards the lower edge.
     """
 
     width: int = 900
@@ -73,16 +73,16 @@ def picture(
     collision_shapes: bool = False,
     vector: bool = False,
 ) -> Figure:
-    """A grasp as a picture: the object is translucent, arrows are forces on it, the black one its weight and load.
+    """Draw a picture of a grasp: the object is translucent, arrows are forces on it, the black one its weight and load.
 
     Args:
-        plan: with its hand.
+        plan: a plan with its hand.
         time: of the plan [s]; None: when the grasp is complete.
-        view: direction towards the camera (3,) in the world; ``"front"``, level with what it looks at and from where
-            little hides the contacts, ``"back"``, ``"side"`` (on the right of the front) or ``"top"``; None: as the
-            front, from a little above.
-        collision_shapes: draw the shapes that plans work with, in place of the hand as it looks.
-        vector: for print, as SVG and PDF: arrows are vector graphics, on white, and the hand has twice as many pixels.
+        view: direction towards the camera (3,) in the world; ``"front"``, level with the grasp and with a good view of
+            the contacts, ``"back"``, ``"side"`` (on the right of the front) or ``"top"``; None: the front, from
+            slightly above.
+        collision_shapes: draw the collision shapes instead of the visual ones.
+        vector: for print, as SVG and PDF: arrows are vector graphics on white, and the hand has twice as many pixels.
 
     Raises:
         InvalidInput: a plan without its hand, or another view.
@@ -100,7 +100,7 @@ def draw_picture(
     collision_shapes: bool = False,
     vector: bool = False,
 ) -> Figure:
-    """A scene at a time [s], as :func:`picture` draws it."""
+    """Draw a scene at a time [s], as :func:`picture` does."""
     flag("collision_shapes", collision_shapes)
     sheet = Sheet(vector=flag("vector", vector), fading=not vector)
     frame = instance_of("scene", scene, ViewScene).frame_at(number("time", time, unit="s"))
@@ -182,7 +182,7 @@ def _direction(view: ArrayLike | None, scene: ViewScene) -> Array:
 
 
 def find_camera(scene: ViewScene, view: ArrayLike | None, frames: Sequence[int], sheet: Sheet) -> Camera:
-    """A camera that sees all of the hand and the object at these instants; ``view``: as for :func:`picture`."""
+    """Find a camera that sees all of the hand and the object at these instants; ``view``: as for :func:`picture`."""
     instance_of("sheet", sheet, Sheet)
     view = _direction(view, instance_of("scene", scene, ViewScene))
     right = np.cross(scene.up, view)

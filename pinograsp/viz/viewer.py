@@ -53,11 +53,11 @@ def view(
     """Show a plan on a live page, in a browser on this machine.
 
     Args:
-        plan: its margins are shown where it has them.
-        simulation: of the plan, shown beside it.
+        plan: the page shows its margins if it has them.
+        simulation: a simulation of the plan to show beside it.
         port: first port to try.
         host: ``"0.0.0.0"`` admits other machines as well, by this machine's address or name. Requests from foreign web
-            pages are refused.
+            pages are rejected.
         open_browser: whether to open the page; its address is ``viewer.url``.
 
     Raises:
@@ -69,7 +69,7 @@ def view(
 
 
 def open_viewer(scene: ViewScene, *, port: int, host: str = "localhost", open_browser: bool = True) -> Viewer:
-    """A live page of a scene; see :func:`view`."""
+    """Open a live page of a scene; see :func:`view`."""
     if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port < 65536:
         raise InvalidInput(f"port: expected a whole number from 0 to 65535, got {shorten(port)}")
     viewer = Viewer(scene, port, host)
