@@ -25,7 +25,9 @@ _KEYWORD = re.compile(rf"(?<![\w.'/=-])(?<!from Python )({'|'.join(_OPTIONS)})=(
 
 
 def as_options(text: str) -> str:
-    """The same text with ``root='hand'`` as ``--root hand``, and so on; what has no option is said to be for Python."""
+    """Return the text with ``root='hand'`` as ``--root hand``, and so on; arguments without an option are marked as for
+    Python.
+    """
     return _KEYWORD.sub(_option, text)
 
 

@@ -70,7 +70,9 @@ def tell_missing_core() -> None:
 
 
 def wrap_text(text: str, width: int | None = None) -> list[str]:
-    """Lines of at most ``width`` columns, those of the terminal by default; longer words (paths) stay whole."""
+    """Wrap text to lines of at most ``width`` columns, by default those of the terminal; longer words (paths) stay
+    whole.
+    """
     found = []
     for line in escape_controls(text, keep="\n").split("\n"):
         indent = line[: len(line) - len(line.lstrip())]

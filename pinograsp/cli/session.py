@@ -21,14 +21,14 @@ OUTPUT = "Output"  # the panel of help that has these options
 
 @dataclass(slots=True)
 class Session:
-    """How one call prints, by options that all commands have.
+    """How one call prints, by the common options.
 
     Attributes:
         as_json: one JSON object and nothing else.
-        quiet: errors alone.
-        verbose: all there is.
+        quiet: only errors.
+        verbose: everything.
         printed: whether the object of ``as_json`` was printed.
-        typed: the command's parameters that were typed, by name, as they are typed.
+        typed: the command's typed parameters, by name, as on the command line.
     """
 
     as_json: bool = False
@@ -44,7 +44,7 @@ class Session:
 
     @property
     def more(self) -> str:
-        """Where to find what a screen has no room for; "" where all is shown."""
+        """Where to find the rest of the output; "" if everything is shown."""
         return "" if self.verbose else "more: in the report, or with -v"
 
     def print_json(self, document: dict[str, Any]) -> None:
