@@ -49,17 +49,17 @@ def joint_trajectory(
     lead: float | None = None,
     blend: float | None = None,
 ) -> JointTrajectory:
-    """A plan's motion at a controller's rate, from ``start``, with continuous acceleration and rest at both ends.
+    """Sample a plan's motion at a controller's rate, from ``start``, with continuous acceleration and rest at both
+    ends.
 
     Args:
-        plan: fresh or read back.
+        plan: new or read back.
         rate: samples per second [Hz].
-        start: posture to come from (n,) [rad or m]; default: the plan's first. The way from it is straight in joint
-            space and not checked for collisions.
-        lead: how long that takes [s]; default: at half the velocity limits, 1 rad/s or 0.05 m/s at most, 0.5 s at
-            least. Without ``start``: how long the hand waits in the first posture.
-        blend: how long it takes to lead across a jump of the acceleration [s]; default 10 ms, or half of the shorter
-            phase.
+        start: initial posture (n,) [rad or m]; default: the plan's first. The path from it is straight in joint space
+            and not checked for collisions.
+        lead: duration of that path [s]; default: at half the velocity limits, 1 rad/s or 0.05 m/s at most, 0.5 s at
+            least. Without ``start``: time that the hand waits in the first posture.
+        blend: time in which a jump of the acceleration is bridged [s]; default 10 ms, or half of the shorter phase.
 
     Raises:
         InvalidInput: a plan without its hand, numbers out of range, a start outside the joint limits, or a lead too

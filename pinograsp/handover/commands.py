@@ -50,29 +50,29 @@ def drive_commands(
     lead: float | None = None,
     blend: float | None = None,
 ) -> JointTrajectory:
-    """The commands of a hand's drives over time: a trajectory whose columns are the drives (m,).
+    """Compute the commands of a hand's drives over time: a trajectory whose columns are the drives (m,).
 
-    Their efforts e make the torques of the plan, those of springs deducted: the least squares of
-    transmission.T @ e - tau. After t_F they are those of the plan's holding torques. By ``command``:
+    The efforts e produce the torques of the plan minus those of springs, by least squares of transmission.T @ e - tau.
+    After t_F they are those of the plan's holding torques. By ``command``:
 
-    - ``torque``: ``effort`` is e; ``q`` tells where the drive's coordinate a = transmission @ q should be.
+    - ``torque``: ``effort`` is e; ``q`` is the planned coordinate of the drive, a = transmission @ q.
     - ``position``: for servos without feed-forward, kp (a_ref - a) + kd (da_ref - da): ``q`` is
       a_ref = a + e / kp, and ``dq``, ``ddq`` are its derivatives; ``effort`` is 0, ``stiffness`` (m,) is kp.
     - ``impedance``: for kp (a_ref - a) + kd (da_ref - da) + effort: ``q`` is the plan's a, ``effort`` is e, and the
       gains go with them, as ``stiffness`` and ``damping`` (m,).
 
     Args:
-        plan: fresh or read back.
+        plan: new or read back.
         command: ``torque``, ``position`` or ``impedance``; for jaws see :func:`pinograsp.handover.jaw_commands`.
         stiffness: kp, one number or (m,) [N m/rad or N/m, effort per unit of a]; default: that of each drive.
         damping: kd, one number or (m,) [effort per unit of da/dt]; default: that of each drive.
-        shortfall: share of the largest torque that the drives may leave undone at any joint [-], where they are fewer
-            than the joints; it is noted. None: any.
+        shortfall: share of the largest torque that the drives may miss at any joint [-], if there are fewer drives than
+            joints; a note gives it. None: any.
         rate, start, lead, blend: as for :func:`joint_trajectory`.
 
     Raises:
         InvalidInput: as :func:`joint_trajectory`; a hand without drives; gains that neither the drives nor the
-            arguments give; torques that the drives cannot make.
+            arguments have; torques that the drives cannot produce.
     """
     one_of("command", command, SERVO)
     joints = joint_trajectory(plan, rate=rate, start=start, lead=lead, blend=blend)

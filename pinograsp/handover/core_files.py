@@ -30,10 +30,11 @@ def write_core(constants: Mapping[str, Any], path: str | Path) -> Path:
     :meth:`pinograsp.reflex.GripController.constants` gives; returns the path.
 
     Args:
-        constants: of a loop, or of a grip, which has its loop's under ``loop``; ``contact_links`` (k,), ``link_points``
-            (k, 3) [m] and ``link_normals`` (k, 3) among those of the loop say where on the links its contacts are.
+        constants: of a loop, or of a grip, which has those of its loop under ``loop``; ``contact_links`` (k,),
+            ``link_points`` (k, 3) [m] and ``link_normals`` (k, 3) among those of the loop say where on the links its
+            contacts are.
         path: ``.hpp``: a header with the constants, and with functions that set up the loop and the grip; ``.json``:
-            the constants alone, ``null`` where there is no limit. Existing files are replaced.
+            the constants alone, ``null`` for no limit. Existing files are replaced.
 
     Raises:
         InvalidInput: another suffix, or constants of something else. ResultsNotWritten.

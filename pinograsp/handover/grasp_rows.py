@@ -22,10 +22,10 @@ _TO_GO = 0.015  # [m] for the contact that has most: from farther away fingers c
 
 
 def commanded_postures(plan: PlanRecord, *, stiffness: ArrayLike | None = None, rigid: bool = False) -> Array:
-    """The postures (3, n) that a plan asks of position servos: the last one on its way from which the places of its
-    contacts on the links have 15 mm to go, that where the links touch, and references that press with its forces,
-    q + tau / kp, the hand's own weight made up for: from where contacts as soft as planned give way to, or, of
-    ``rigid`` ones, from where the links touch. Other arguments and errors as of :func:`grasp_rows`.
+    """Return three postures (3, n) that a plan commands to position servos: the last one in its approach with the
+    contact points 15 mm before the object, the one in which the links touch, and references q + tau / kp that press
+    with its forces and compensate the hand's own weight. The references start from the depths of contacts as soft as
+    planned, or, for ``rigid`` ones, from the touch. Other arguments and errors are those of :func:`grasp_rows`.
     """
     hand, motion = plan.require_hand(), plan.motion
     _body_of(plan)
@@ -42,19 +42,19 @@ def commanded_postures(plan: PlanRecord, *, stiffness: ArrayLike | None = None, 
 def grasp_rows(
     plan: PlanRecord, object_name: str, *, scale: float = 1.0, stiffness: ArrayLike | None = None
 ) -> GraspRows:
-    """The postures of a plan, as of :func:`commanded_postures`, as one row of a data set, whose simulations have hard
+    """Return the postures of a plan (:func:`commanded_postures`) as one row of a data set, whose simulations have hard
     contacts.
 
-    Joints are in the order of the hand's fingers, as of its description, coupled ones included.
+    Joints are in the order of the hand's fingers in its description, coupled ones included.
 
     Args:
-        plan: fresh or read back.
-        object_name: what the data set calls the object.
-        scale: of its mesh there [-].
+        plan: new or read back.
+        object_name: name of the object in the data set.
+        scale: of its mesh in the data set [-].
         stiffness: kp, one number or (m,) of the drives; default: their own.
 
     Raises:
-        InvalidInput: a plan without its hand or object, a hand without drives or with an arm, gains that nobody gives.
+        InvalidInput: a plan without its hand or object, a hand without drives or with an arm, unknown gains.
     """
     hand = plan.require_hand()
     object_name, scale = text_of("object", object_name), number("scale of the object", scale, above=0)
@@ -119,8 +119,8 @@ def write_dexgraspbench(
     name: str = "0",
     stiffness: ArrayLike | None = None,
 ) -> Path:
-    """Write a plan as a grasp that DexGraspBench's evaluation takes, ``OBJECT/scale008_pose000/NAME.npy`` in a folder;
-    returns the file. Arguments as for :func:`grasp_rows`; ``object_name`` is the object's folder in its repository.
+    """Write a plan as a grasp for DexGraspBench's evaluation, ``OBJECT/scale008_pose000/NAME.npy`` in a folder; returns
+    the file. Arguments as for :func:`grasp_rows`; ``object_name`` is the object's folder in its repository.
     """
     folder, name = path_of("folder", folder), text_of("name", name)
     rows = grasp_rows(plan, object_name, scale=scale, stiffness=stiffness)

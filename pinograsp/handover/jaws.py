@@ -32,14 +32,14 @@ _OTHER_WIDTH = 5e-3  # [m] that an object may be wider or narrower for a grasp t
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointTarget:
-    """What one joint of a gripper is sent.
+    """The command of one joint of a gripper.
 
     Attributes:
         joint: its name.
-        position: where the plan holds [rad or m].
-        closed: end of its travel in the closing direction [rad or m]; ``position`` where it has none.
-        effort: largest size of its own effort [N m or N]: where jaws slide together, without that of the others; where
-            a linkage or gears turn others, the whole torque at the joint that is driven, and 0 at those.
+        position: planned holding position [rad or m].
+        closed: end of its travel in the closing direction [rad or m]; ``position`` if it has none.
+        effort: largest size of its own effort [N m or N]: if jaws slide together, without that of the others; if a
+            linkage or gears turn others, the whole torque at the driven joint, and 0 at the others.
         follows: whether it follows another joint.
     """
 
@@ -60,17 +60,16 @@ class JawCommand:
         drive: its name.
         coordinate: the drive's own, transmission @ q [rad or m].
         effort: of the drive, its size [N or N m].
-        width: distance between the two jaws' contact points at the end, each the mean weighted by force [m]; None
-            where the hand does not press with exactly two parts. It is less than that of the object by the assumed give
-            of the contacts (:attr:`pinograsp.Material`), so it is where a servo is sent, not what the gripper measures
-            on a rigid object.
-        touch_width: the same at t_I, where the jaws touch: that of the object [m]. Grippers that compare what they
-            measure with what they were told take this one.
-        touch_speed: rate by which the width shrinks at t_I [m/s]: what jaws that are told a speed close with.
-        other_width: by how much the width where they stop may be off ``touch_width`` [m] and the grasp still counts:
-            5 mm, or the assumed give of the contacts where that is more.
-        jaw_force: that one jaw presses with along the line between these points, the larger of both [N]; None as
-            for ``width``.
+        width: distance between the two jaws' contact points at the end, each the mean weighted by force [m]; None if
+            the hand does not press with exactly two parts. It is smaller than the object's by the assumed compression
+            of the contacts (:attr:`pinograsp.Material`), so it is a servo command, not what the gripper measures on a
+            rigid object.
+        touch_width: the same at t_I, when the jaws touch: that of the object [m]. Grippers that compare their
+            measurement with the command need this one.
+        touch_speed: rate by which the width shrinks at t_I [m/s]: the closing speed for jaws with a speed command.
+        other_width: largest difference between the final width and ``touch_width`` at which the grasp still counts [m]:
+            5 mm, or the assumed compression of the contacts if that is more.
+        jaw_force: force of one jaw along the line between these points, the larger of both [N]; None as for ``width``.
         total_force: of both jaws [N].
         joints: the joints that it moves, followers included.
     """
@@ -115,19 +114,19 @@ class JawCommand:
 
 
 def jaw_commands(plan: PlanRecord, *, shortfall: float | None = SHORTFALL) -> tuple[JawCommand, ...]:
-    """Width and force of a gripper's drives as the plan holds after t_F.
+    """Return width and force of a gripper's drives, with which the plan holds after t_F.
 
     These are the drives whose control is ``jaw``, or the only drive of a hand. Efforts are those of the plan's holding
     torques.
 
     Args:
-        plan: fresh or read back.
-        shortfall: share of the largest holding torque that the drives may leave undone, as for
-            :func:`drive_commands`; None: any.
+        plan: new or read back.
+        shortfall: share of the largest holding torque that the drives may miss, as for :func:`drive_commands`; None:
+            any.
 
     Raises:
-        InvalidInput: a plan without its hand; a hand without jaws; a drive that does not press; torques that the
-            drives cannot make.
+        InvalidInput: a plan without its hand; a hand without jaws; a drive that does not press; torques that the drives
+            cannot produce.
     """
     hand = instance_of("plan", plan, PlanRecord).require_hand()
     require_drives(hand)
@@ -252,18 +251,19 @@ def gripper_message(
     followers: bool = False,
     frame: str = "",
 ) -> dict[str, Any]:
-    """The goal of a ``control_msgs/action/ParallelGripperCommand`` as plain values; written where a path is given.
+    """Return the goal of a ``control_msgs/action/ParallelGripperCommand`` as plain values, and write it if you give a
+    path.
 
     Its ``command``, a ``sensor_msgs/JointState``, has for each joint the position [m or rad] at the end of its travel
-    in the closing direction, so that the gripper presses until it reaches ``effort`` [N or N m]: the joint's own,
-    which is the force of one jaw where jaws slide, and the whole torque of the motor where it turns others. A gripper
-    that stops at the planned position would press with little. ``velocity`` is empty, which sets no limit. Send it with
-    ``ros2 action send_goal NAME control_msgs/action/ParallelGripperCommand "$(cat FILE)"``.
+    in the closing direction, so that the gripper presses until it reaches ``effort`` [N or N m]: the joint's own, which
+    is the force of one jaw if jaws slide, and the whole torque of the motor if it turns others. A gripper that stops at
+    the planned position would hardly press. ``velocity`` is empty, which sets no limit. Send it with ``ros2 action
+    send_goal NAME control_msgs/action/ParallelGripperCommand "$(cat FILE)"``.
 
     Args:
-        jaws: of :func:`jaw_commands`.
+        jaws: from :func:`jaw_commands`.
         path: ``.yaml``, ``.yml`` or ``.json``; an existing file is replaced.
-        followers: adds the joints that follow; most controllers take one joint.
+        followers: add the joints that follow; most controllers accept one joint.
         frame: ``header.frame_id``.
 
     Raises:

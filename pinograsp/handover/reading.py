@@ -26,10 +26,10 @@ _ECHOED = "..."  # what ros2 topic echo writes for what it leaves out
 
 
 def read_csv(path: str | Path) -> JointTrajectory:
-    """The trajectory in a table that :meth:`JointTrajectory.to_csv` wrote.
+    """Read the trajectory in a table that :meth:`JointTrajectory.to_csv` wrote.
 
     Raises:
-        InvalidInput: no regular file, none of at most 16 MiB, or no such table.
+        InvalidInput: not a regular file, more than 16 MiB, or not such a table.
     """
     path = path_of("path", path)
     return make_trajectory(path, *read_table(path))
@@ -39,7 +39,7 @@ def read_table(path: Path) -> tuple[list[str], Array]:
     """The names in a table's first line (n,), and the finite numbers below (m, n).
 
     Raises:
-        InvalidInput: no regular file, none of at most 16 MiB, or no such table.
+        InvalidInput: not a regular file, more than 16 MiB, or not such a table.
     """
     content = _content(path)
     try:
@@ -84,16 +84,16 @@ def make_trajectory(path: Path, header: list[str], values: Array) -> JointTrajec
 
 
 def read_ros2(path: str | Path) -> JointTrajectory:
-    """The trajectory in a message: as :meth:`JointTrajectory.to_ros2` writes it, or as others print theirs.
+    """Read the trajectory in a message from :meth:`JointTrajectory.to_ros2` or from other tools.
 
     A ``trajectory_msgs/JointTrajectory`` of ROS 2 or ROS 1 (``secs``, ``nsecs``), by itself or wherever it is in
     another message: MoveIt's ``RobotTrajectory`` and ``DisplayTrajectory``, a ``FollowJointTrajectory`` goal; in YAML,
-    as of ``ros2 topic echo`` and ``rostopic echo`` (lines ``---`` are fine), or JSON. There has to be one: which of
-    several is meant nobody could tell. Velocities, accelerations and efforts that are empty are 0.
+    as from ``ros2 topic echo`` and ``rostopic echo`` (lines ``---`` are allowed), or JSON. The file must hold exactly
+    one trajectory. Empty velocities, accelerations and efforts are 0.
 
     Raises:
-        InvalidInput: no regular file, none of at most 16 MiB and a million values, no JSON or YAML (by suffix),
-            no trajectory or several, one that was cut off, or that has a base move.
+        InvalidInput: not a regular file, more than 16 MiB or a million values, not JSON or YAML (by suffix), no
+            trajectory or several, a trajectory that was cut off or moves a base.
     """
     path = path_of("path", path)
     suffix = one_of("suffix of a ROS 2 message", path.suffix.lower(), SUFFIXES)

@@ -24,13 +24,13 @@ _PRESSES = 1e-6  # share of the largest effort: less does not press
 
 
 class FingerClosing(NamedTuple):
-    """What a drive is sent whose finger closes on the object until a force limit.
+    """The command of a drive whose finger closes on the object up to a force limit.
 
     Attributes:
         drive: its name.
-        force: that the plan has of the fingers which it moves [N].
-        position: that is sent with them, of the closed end [register units]; None: it is not known.
-        command: closing speed, force limit and the force to expect, by the drive's closing table.
+        force: planned force of the fingers that it moves [N].
+        position: commanded position, that of the closed end [register units]; None: it is not known.
+        command: closing speed, force limit and expected force, from the drive's closing table.
     """
 
     drive: str
@@ -40,13 +40,13 @@ class FingerClosing(NamedTuple):
 
 
 def closing_commands(plan: PlanRecord) -> tuple[FingerClosing, ...]:
-    """Speed and limit of each drive whose closing table is known and whose finger touches the object.
+    """Return speed and limit of each drive whose closing table is known and whose finger touches the object.
 
-    The force of a finger is the sum of its contacts' normal forces, taken as if it pressed on a stop; that of a drive
-    of several fingers, as of two jaws, is the largest of them.
+    The force of a finger is the sum of its contacts' normal forces, as if it pressed on a stop; that of a drive of
+    several fingers, such as two jaws, is the largest of them.
 
     Raises:
-        InvalidInput: no drive with a closing table in newtons that touches; a force that it does not make.
+        InvalidInput: no touching drive has a closing table in newtons; a force that it does not produce.
     """
     hand = plan.require_hand()
     forces = press_of_drives(hand, plan.contacts.links, plan.forces.normal_forces)
@@ -115,14 +115,14 @@ def write_registers(plan: PlanRecord, drives: JointTrajectory, path: str | Path,
     from where its coordinate is zero] and ``DRIVE/effort`` [units of its effort register].
 
     Args:
-        plan: whose hand's drives these are.
-        drives: of :func:`~pinograsp.handover.drive_commands`.
+        plan: the plan of the hand with these drives.
+        drives: from :func:`~pinograsp.handover.drive_commands`.
         path: an existing file is replaced.
-        efforts: whether efforts are commanded: with columns of their own; else positions alone.
+        efforts: whether efforts are commanded, in columns of their own; else only positions.
 
     Returns:
-        What rounding costs: a unit as a share of what the drives hold with, and in newtons of their fingers' forces,
-        and those that hold with less than two.
+        Notes on rounding: one unit as a share of the drives' holding efforts, and in newtons at their fingers, and the
+            drives that hold with less than two units.
 
     Raises:
         InvalidInput: drives whose encoder step, or whose effort step, is not known. ResultsNotWritten.

@@ -74,34 +74,33 @@ def write_scene(
     shortfall: float | None = SHORTFALL,
     **sampling: Unpack[Sampling],
 ) -> JointTrajectory:
-    """Write a scene that loads by itself (.xml), and the controls that play the plan in it (.npz beside it).
+    """Write a complete scene (.xml), and the controls that play the plan in it (.npz beside it).
 
     The hand has an actuator per drive: a motor (``torque``), a servo (``position``, ``impedance``: the feed-forward is
-    part of its control), or a servo whose force ends at the plan's (``jaw``). Six more actuators, ``support x`` to
+    part of its control), or a servo with the plan's force as its limit (``jaw``). Six more actuators, ``support x`` to
     ``support rz``, hold the object while their control is 1, which fades to 0 within 0.1 s after t_F: from then on the
     hand alone holds it. Contacts are MuJoCo's own: per link, the stiffness that the contact law has at the planned
     force, and the planned friction. Keyframes: ``start``, ``touch`` and ``grasp`` (t_F, with the controls of the hold).
 
     Args:
-        plan: with its hand and its object.
-        path: ``.xml``; existing files are replaced. The archive is that of :meth:`JointTrajectory.to_mujoco`; each
-            row of ``ctrl`` is for round((times[1] - times[0]) / timestep) steps. The time step is 0.5 ms at most, and
-            shorter where the servos' gains ask for it.
+        plan: a plan with its hand and its object.
+        path: ``.xml``; existing files are replaced. The archive is that of :meth:`JointTrajectory.to_mujoco`; each row
+            of ``ctrl`` is for round((times[1] - times[0]) / timestep) steps. The time step is 0.5 ms at most, and
+            shorter if the servos' gains need it.
         command: ``torque``, ``position``, ``impedance`` or ``jaw``.
         stiffness, damping: of the servos, as for :func:`drive_commands`; default: those of the drives, else 50 N m/rad
-            (55.6 kN/m where joints slide), and 10 ms times that, or critical where joints are coupled.
+            (55.6 kN/m for sliding joints), and 10 ms times that, or critical if joints are coupled.
         shortfall: as for :func:`drive_commands`.
-        hold: how long the controls go on after the motion [s].
+        hold: how long the controls continue after the motion [s].
         sampling: rate, start, lead, blend, as for :func:`joint_trajectory`.
 
-    Returns:
-        The trajectory of the drives, with notes on what the scene leaves out, on a shorter time step, and on a scene in
-        which the object does not stay in the hand: it is played before it is handed over, 0.5 s of the hold included.
+    Returns: The trajectory of the drives. Notes say what the scene leaves out, whether the time step is shorter, and
+        whether the object does not stay in the hand: the function simulates the scene first, with 0.5 s of the hold.
 
     Raises:
-        InvalidInput: as :func:`drive_commands`; another suffix, a plan without an object, or one that MuJoCo refuses;
+        InvalidInput: as :func:`drive_commands`; another suffix, a plan without an object, or one that MuJoCo rejects;
             gains that would need steps of less than 0.02 ms.
-        ResultsNotWritten: the place cannot be written.
+        ResultsNotWritten: the files cannot be written.
     """
     path = path_of("path", path)
     one_of("suffix of a MuJoCo scene", path.suffix, (".xml",))

@@ -32,29 +32,29 @@ MESSAGE = {"positions": "q", "velocities": "dq", "accelerations": "ddq", "effort
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointTrajectory(JointSamples):
-    """Joint positions and what goes with them, at a controller's rate; it starts and ends at rest.
+    """A joint trajectory at a controller's rate; it starts and ends at rest.
 
     Attributes:
         names: of the actuated joints (n,), in the order of the hand's q.
         times: (m,) [s], from 0 in equal steps.
         q, dq, ddq: (m, n) [rad, rad/s, rad/s^2; m where joints slide].
-        effort: feed-forward torques (m, n) [N m or N]: inverse dynamics of this very path and the plan's contact
-            forces; they end as the plan's holding torques.
-        contact_effort: the share of ``effort`` that the contact forces ask for (m, n) [N m or N]; None: not known.
+        effort: feed-forward torques (m, n) [N m or N]: inverse dynamics of exactly this path with the plan's contact
+            forces; they end with the plan's holding torques.
+        contact_effort: the part of ``effort`` for the contact forces (m, n) [N m or N]; None: not known.
         joints: all joints of the hand, coupled ones included.
-        couplings: by coupled joint, what it follows and how.
+        couplings: for each coupled joint, the joint that it follows, and how.
         begin, impact_time, final_time: t = 0, t_I and t_F of the plan on this clock [s].
-        blends: intervals in which the path is not the plan's (start, end) [s].
-        deviation: how far joints are from the plan at most, a controller's quintic interpolation between samples
-            included (n,) [rad or m].
-        contact_deviation: how far that moves each contact point, by contact [m].
-        stiffness, damping: gains that the commands are for (n,); None: none, or those of the controller.
-        notes: what the receiver should know.
+        blends: intervals in which the path differs from the plan's (start, end) [s].
+        deviation: largest distance of the joints from the plan, with a controller's quintic interpolation between
+            samples (n,) [rad or m].
+        contact_deviation: resulting displacement of each contact point, by contact [m].
+        stiffness, damping: gains for which the commands are made (n,); None: none, or those of the controller.
+        notes: remarks for the receiver.
 
     Trajectories that were read from a file have names, times and samples; the rest is None or empty.
 
     Raises:
-        InvalidInput: fields of other kinds or sizes, times that do not grow, or couplings to joints that are not there.
+        InvalidInput: fields of other kinds or sizes, times that do not increase, or couplings to unknown joints.
     """
 
     joints: tuple[str, ...] = ()
@@ -103,15 +103,15 @@ class JointTrajectory(JointSamples):
         put("blends", tuple((float(start), float(end)) for start, end in blends))
 
     def at(self, times: ArrayLike) -> tuple[Array, Array, Array, Array]:
-        """q, dq, ddq, effort (s, n) at ``times`` (s,) [s]: quintic between samples, effort linear, as controllers
-        interpolate.
+        """Return q, dq, ddq, effort (s, n) at ``times`` (s,) [s]: quintic between samples, effort linear, as
+        controllers interpolate.
         """
         at = np.clip(array_of("times", times, (None,)), self.times[0], self.times[-1])
         return *between(self.times, (self.q, self.dq, self.ddq), at), interpolate(at, self.times, self.effort)
 
     def with_followers(self) -> JointTrajectory:
-        """The same with a column for every joint, coupled ones included, whose effort is 0: their motors are those they
-        follow.
+        """Return the same trajectory with a column for every joint. Coupled joints have an effort of 0, because the
+        motors of the joints that they follow move them.
         """
         missing = [name for name in self.couplings if name not in self.names]
         if not missing:
@@ -159,11 +159,11 @@ class JointTrajectory(JointSamples):
 
     def to_csv(self, path: str | Path, *, followers: bool = False) -> JointTrajectory:
         """Write a table: ``time`` [s] and, by joint, ``JOINT/position``, ``/velocity``, ``/acceleration``, ``/effort``;
-        ``/stiffness`` and ``/damping`` where there are gains.
+        ``/stiffness`` and ``/damping`` if there are gains.
 
         ``followers`` adds coupled joints. An existing file is replaced. Returns what was written. Names that a
-        spreadsheet would take for a formula get an apostrophe before them, which
-        :func:`~pinograsp.handover.read_csv` takes off.
+        spreadsheet would read as a formula get an apostrophe in front, which :func:`~pinograsp.handover.read_csv`
+        removes.
 
         Raises:
             ResultsNotWritten: the place cannot be written.
@@ -192,15 +192,16 @@ class JointTrajectory(JointSamples):
         goal: bool = False,
         frame: str = "",
     ) -> dict[str, Any]:
-        """The message ``trajectory_msgs/JointTrajectory`` as plain values; written to ``path`` where one is given.
+        """Return the message ``trajectory_msgs/JointTrajectory`` as plain values, and write it to ``path`` if you give
+        one.
 
         Send it with ``ros2 topic pub --once TOPIC trajectory_msgs/msg/JointTrajectory --yaml-file FILE``. Its stamp is
-        zero, which starts it on arrival; so the robot must be at the first point, or ``start`` must be where it is.
+        zero, which starts it on arrival; so the robot must be at the first point, or ``start`` must be its posture.
 
         Args:
             path: ``.yaml``, ``.yml`` or ``.json``; an existing file is replaced.
-            effort: without it the field stays empty: JointTrajectoryController takes efforts if it has an effort
-                interface, and some releases refuse any message that has them.
+            effort: fill the field of efforts: JointTrajectoryController accepts efforts if it has an effort interface,
+                and some releases reject any message with efforts.
             goal: as ``trajectory`` of a ``control_msgs/action/FollowJointTrajectory`` goal.
             frame: ``header.frame_id``.
 
@@ -242,30 +243,29 @@ class JointTrajectory(JointSamples):
     ) -> JointTrajectory:
         """Write keyframes ``start``, ``impact`` and ``final``, and next to them an ``.npz`` of the controls over time.
 
-        For trajectories of joints; those of drives are written by ``plan.to_mujoco(command=)``.
+        This is for trajectories of joints; ``plan.to_mujoco(command=)`` writes those of drives.
 
         ``<include file="PATH"/>`` in the hand's MJCF file adds the keyframes. The archive holds ``times`` (m,),
-        ``ctrl`` (m, nu), ``qpos`` (m, nq), ``qvel`` (m, nv), the names in ``joints`` and ``actuators``, and ``act``
-        (m, na) of a model whose actuators have activations, which begin as in its first row. Each row of ``ctrl`` is
-        for the time until the next one.
+        ``ctrl`` (m, nu), ``qpos`` (m, nq), ``qvel`` (m, nv), the names in ``joints`` and ``actuators``, and ``act`` (m,
+        na) of a model whose actuators have activations, which begin as in its first row. Each row of ``ctrl`` applies
+        until the next one.
 
         Args:
             path: ``.xml``; existing files are replaced.
             model: a ``mujoco.MjModel`` that has the hand's joints by their names, with ``prefix`` before them, and
-                anything else besides, which is taken to be at rest. Controls are those at which the hand in that model
-                moves as the trajectory and presses with its contact forces: MuJoCo's inverse dynamics say what that
-                takes, with the model's masses, gravity and its compensation, springs, dampers and dry friction, and
-                MuJoCo says what each actuator makes of its control and its activation, whatever its type. What the
-                controls then make in the model is compared with it, and noted where they differ. Default: a hand alone,
+                anything else, which is assumed at rest. The controls make the hand in that model move along the
+                trajectory and press with its contact forces. MuJoCo's inverse dynamics give the efforts for this, with
+                the model's masses, gravity and its compensation, springs, dampers and dry friction, and MuJoCo gives
+                the effort of each actuator by its control and activation, whatever its type. The efforts of the
+                controls in the model are compared with these, and a note says if they differ. Default: a hand alone,
                 joints in the order of ``joints``, one position servo per actuated joint in the order of ``names``,
                 whose control is the joint's position.
-            qpos: of what is not the hand (nq,); default: the model's own ``qpos0``.
-            feed_forward: False: actuators get no effort beyond what their own gains make of an error: for a hand that
-                moves without the object, which would give way to the contact forces.
+            qpos: positions of everything except the hand (nq,); default: the model's own ``qpos0``.
+            feed_forward: False: actuators produce only the effort of their own gains and an error, for a hand that
+                moves without the object; feed-forward for the contact forces would displace it.
 
-        Returns:
-            The trajectory; its notes tell which joints nothing moves, which controls leave their range or act later,
-            by how much the model's actuators miss the efforts, and where the model couples joints otherwise.
+        Returns: The trajectory; its notes name joints that nothing moves, controls that leave their range or act late,
+            how much the model's actuators miss the efforts, and couplings of the model that differ.
 
         Raises:
             InvalidInput: another suffix, not a model, one without the hand's joints, or one whose dynamics are not
