@@ -17,7 +17,7 @@ _LONGEST_PROBLEM = 600  # characters about a file of grasps
 
 
 class Status(StrEnum):
-    """How a stage, a plan, a grasp that was certified, or a command ended: one word each.
+    """How a stage, a plan, a certified grasp or a command ended, in one word.
 
     ``OK`` is the success of stages, plans and commands, ``HELD`` that of certified grasps.
     """
@@ -55,7 +55,7 @@ class Status(StrEnum):
 
     @property
     def answer(self) -> str:
-        """The first words of the answer whether a plan that ended so holds."""
+        """The first words of the answer whether a plan with this status holds."""
         return _MEANINGS[self].answer
 
     @property
@@ -65,17 +65,17 @@ class Status(StrEnum):
 
     @property
     def exit_code(self) -> int:
-        """Of a command that ends so: 0 usable, 2 unusable input, 3 no grasp, 130 interrupted."""
+        """Exit code of a command with this status: 0 usable, 2 unusable input, 3 no grasp, 130 interrupted."""
         return _MEANINGS[self].exit_code
 
     @property
     def code(self) -> int:
-        """Its number in arrays and files of certificates, which stays as it is; -1: it is not one of theirs."""
+        """Its number in arrays and files of certificates, which never changes; -1: not a status of certificates."""
         return _MEANINGS[self].code
 
     @classmethod
     def from_code(cls, code: int) -> Status:
-        """The status of that number in arrays and files of certificates; ``ValueError`` where there is none."""
+        """Return the status of this number in arrays and files of certificates; ``ValueError`` if there is none."""
         if code >= 0:
             for status, meaning in _MEANINGS.items():
                 if meaning.code == code:
@@ -84,8 +84,8 @@ class Status(StrEnum):
 
 
 class PinograspError(Exception):
-    """Root of every exception this package raises on purpose. Its text has no characters that steer a terminal: names
-    in it may be those of a stranger's file.
+    """Base class of every exception that this package raises on purpose. Its text has no control characters of
+    terminals, because names in it may come from a stranger's file.
     """
 
     def __str__(self) -> str:
@@ -93,11 +93,11 @@ class PinograspError(Exception):
 
 
 class InvalidInput(PinograspError, ValueError):
-    """An argument was unusable: says what was expected, what came, and what to do."""
+    """An argument was unusable; the message says what was expected, what was given, and what to do."""
 
 
 class HandNotLoaded(InvalidInput):
-    """A hand description could not be used. ``problems`` lists what was found, mostly all at once."""
+    """A hand description could not be used. ``problems`` lists all problems that were found."""
 
     def __init__(self, source: str | Path, problems: list[str] | str):
         self.source = str(source)
@@ -111,12 +111,12 @@ class CaseRejected(InvalidInput):
 
 
 class GraspsNotRead(InvalidInput):
-    """A file of grasps could not be used: another format, broken, hostile, or a value that no grasp has.
+    """A file of grasps could not be used: another format, broken, hostile, or an impossible value.
 
     Attributes:
         source: the file.
-        problem: what was expected, what came, and what to do; on one line.
-        row: the row it is about, from 0; None for the file. Rows before it were good.
+        problem: what was expected, what was given, and what to do; on one line.
+        row: the row concerned, from 0; None for the file. Rows before it are good.
     """
 
     def __init__(self, source: str | Path, problem: str, row: int | None = None):
@@ -127,13 +127,13 @@ class GraspsNotRead(InvalidInput):
 
 
 class ResultsNotWritten(InvalidInput):
-    """The output cannot be written: its folder exists, holds files that are not ours or belongs to another writer, or
-    the disk is full.
+    """The output cannot be written: its folder exists, holds foreign files or belongs to another writer, or the disk is
+    full.
     """
 
 
 class ExtraMissing(PinograspError, ImportError):
-    """An optional dependency is not installed; the message names the extra that brings it."""
+    """An optional dependency is not installed; the message names the extra that installs it."""
 
 
 class NoGrasp(PinograspError):
@@ -141,7 +141,7 @@ class NoGrasp(PinograspError):
 
 
 class ContactNotReached(NoGrasp):
-    """A finger cannot bring its contact point to the place asked for. ``finger`` and ``details`` say which and why."""
+    """A finger cannot bring its contact point to the given place. ``finger`` and ``details`` say which and why."""
 
     def __init__(self, finger: str, details: str):
         self.finger = finger
@@ -150,8 +150,8 @@ class ContactNotReached(NoGrasp):
 
 
 class SearchFailed(NoGrasp):
-    """A search for contact forces ended without any. ``solution`` is its record; ``remedy``: what was tried and would
-    do, "" where nothing was.
+    """A search for contact forces ended without any. ``solution`` is its record; ``remedy`` names changes that were
+    tried and would suffice, "" if none was tried.
     """
 
     def __init__(self, message: str, solution: Any, *, remedy: str = ""):
@@ -161,11 +161,11 @@ class SearchFailed(NoGrasp):
 
 
 class GraspInfeasible(SearchFailed):
-    """There are no forces that hold the object: proven, or no point of the grid does."""
+    """No forces hold the object: proven, or no point of the grid does."""
 
 
 class GraspUndecided(SearchFailed):
-    """No forces were found that pass their certificate, and none are ruled out."""
+    """No forces were found that pass their certificate, but it is not proven that none exist."""
 
 
 class SearchInterrupted(SearchFailed):
@@ -175,8 +175,8 @@ class SearchInterrupted(SearchFailed):
 class CarryInfeasible(SearchFailed):
     """No timing of a path holds the object, or the given one does not: proven.
 
-    ``at`` is a path parameter where there are no forces, ``factor`` how many times as fast the given timing may be; at
-    rest it is 0.
+    ``at`` is a path parameter at which no forces exist, ``factor`` the possible speed over that of the given timing, 0
+    if even rest is impossible.
     """
 
     def __init__(self, message: str, *, at: float, solution: Any, factor: float = 0.0):
@@ -185,14 +185,14 @@ class CarryInfeasible(SearchFailed):
 
 
 class CarryUndecided(SearchFailed):
-    """No timing of a path was found, and none is ruled out."""
+    """No timing of a path was found, but it is not proven that none exists."""
 
     def __init__(self, message: str, *, solution: Any):
         super().__init__(message, solution)
 
 
 class GraspNotFound(NoGrasp):
-    """No grasp that was tried holds the object. Carries the ``search`` with the outcomes of its samples."""
+    """No grasp that was tried holds the object. ``search`` has the outcomes of its samples."""
 
     def __init__(self, message: str, search: Any):
         super().__init__(message)
@@ -200,7 +200,9 @@ class GraspNotFound(NoGrasp):
 
 
 class PickFailed(NoGrasp):
-    """No grasp was found that the arm reaches, lifts and puts down. ``reasons``: what kept it from how many of them."""
+    """No grasp was found that the arm reaches, lifts and puts down. ``reasons`` counts the grasps by the reason against
+    them.
+    """
 
     def __init__(self, message: str, reasons: dict[str, int]):
         super().__init__(message)
@@ -208,7 +210,7 @@ class PickFailed(NoGrasp):
 
 
 class GeometryFailed(PinograspError):
-    """The distance between ``link`` and the object could not be computed: a mesh is likely degenerate."""
+    """The distance between ``link`` and the object could not be computed; a mesh is probably degenerate."""
 
     def __init__(self, link: str, kind: str):
         self.link = link
@@ -222,7 +224,7 @@ class GeometryFailed(PinograspError):
 
 
 class SimulationDiverged(PinograspError):
-    """A simulation has diverged. ``time`` [s] and ``time_step`` [s] say when."""
+    """A simulation diverged, at ``time`` [s], with steps of ``time_step`` [s]."""
 
     def __init__(self, time: float, time_step: float):
         self.time, self.time_step = time, time_step
@@ -393,5 +395,5 @@ _MEANINGS = {
 
 
 def status_of(error: BaseException) -> Status:
-    """How something ended that raised ``error``."""
+    """Return the status that corresponds to an exception."""
     return next(status for status, meaning in _MEANINGS.items() if isinstance(error, meaning.errors))

@@ -1,4 +1,4 @@
-"""Hands: description (DH tables, URDF, xacro, MJCF) to :class:`HandModel`."""
+"""Hands: from a description (DH tables, URDF, xacro, MJCF) to a :class:`HandModel`."""
 
 from pinograsp.hands.attach import attach
 from pinograsp.hands.detach import detach

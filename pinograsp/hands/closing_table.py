@@ -1,4 +1,4 @@
-"""What a finger presses with when it closes on a stop: measured peaks by commanded speed and force limit."""
+"""Forces of a finger that closes on a stop: measured peaks by commanded speed and force limit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SAME = 1e-9  # relative: one speed, or one limit
 
 
 class ClosingCommand(NamedTuple):
-    """What to send for a force: closing speed and force limit, in register units, and the peak to expect."""
+    """The command for a force: closing speed and force limit, in register units, and the expected peak."""
 
     speed: float
     limit: float
@@ -26,22 +26,22 @@ class ClosingCommand(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosingTable:
-    """The largest forces that came when a finger closed on a stop, by commanded speed and force limit (c conditions).
+    """The largest forces of a finger that closed on a stop, by commanded speed and force limit (c conditions).
 
-    A finger stops late: its sensor lags, its drive goes on. So it presses with more than its limit, the more the faster
-    it closes, up to what its drive can make. Between what was tried the peak is taken to grow with speed and with
-    limit, and no law of it is assumed: see :meth:`predict`.
+    A finger stops late, because its sensor lags and its drive continues. So it presses with more than its limit, the
+    more the faster it closes, up to the effort of its drive. Between the conditions that were tried, the peak is
+    assumed to grow with speed and with limit, without any other law: see :meth:`predict`.
 
     Attributes:
         speeds, limits: commanded (c,) in the units of the drive's registers; speeds above 0.
         peaks, low, high: median, 5th and 95th percentile of the peaks of the trials (c,) [``unit``].
-        trials: how many there were (c,).
-        unit: ``N``, or ``count`` where nobody has told what a count is in newtons.
-        position: that is sent with speed and limit, in register units: the closed end, so that the limit stops the
-            finger; None: it is not known, or none is sent.
+        trials: number of trials (c,).
+        unit: ``N``, or ``count`` if the force per count is unknown.
+        position: commanded with speed and limit, in register units: the closed end, so that the limit stops the finger;
+            None: it is not known, or none is sent.
 
     Raises:
-        InvalidInput: for values that make no such table.
+        InvalidInput: the values do not describe such a table.
     """
 
     speeds: tuple[float, ...]
@@ -73,15 +73,15 @@ class ClosingTable:
             object.__setattr__(self, "position", number("position of a closing table", self.position))
 
     def predict(self, speed: float, limit: float) -> Estimate:
-        """The peak to expect at a speed and limit within what was tried.
+        """Predict the peak at a speed and limit within those that were tried.
 
-        Between two limits of one speed it is linear. Between two speeds the peak may be that of either, and where in
-        between the one turns into the other no table can tell: 1 / peak is linear in the logarithm of the speed, which
-        in the middle is the value whose largest relative error over all of the possible is least. The interval holds
-        all that is possible for peaks that grow with speed and limit, and the scatter of the trials.
+        Between two limits of one speed it is linear. Between two speeds the peak may be that of either, and no table
+        shows where the one turns into the other. There 1 / peak is linear in the logarithm of the speed; in the middle
+        this is the value whose largest relative error over all possible peaks is least. The interval contains all peaks
+        that are possible if they grow with speed and limit, and the scatter of the trials.
 
         Raises:
-            InvalidInput: a speed or limit beyond what was tried.
+            InvalidInput: a speed or limit beyond those that were tried.
         """
         speed, limit = number("speed", speed, above=0), number("limit", limit, at_least=0)
         rows = [(tried, row) for tried in sorted(set(self.speeds)) if (row := self._at_limit(tried, limit)) is not None]
@@ -118,11 +118,11 @@ class ClosingTable:
         return sorted((i for i, tried in enumerate(self.speeds) if tried == speed), key=lambda i: self.limits[i])
 
     def find_touch(self, cap: float) -> ClosingCommand:
-        """The fastest closing among those tried whose peak stays under a cap [``unit``] in 95 % of the trials, and of
-        these the gentlest limit.
+        """Find the fastest closing among those tried whose peak stays under a cap [``unit``] in 95 % of the trials, and
+        the lowest limit for it.
 
         Raises:
-            InvalidInput: a cap that none of them keeps; the message says how near the gentlest comes.
+            InvalidInput: no closing keeps the cap; the message says how near the gentlest comes.
         """
         cap = number("cap", cap, above=0)
         keeps = [i for i, high in enumerate(self.high) if high <= cap]
@@ -138,22 +138,22 @@ class ClosingTable:
         return ClosingCommand(self.speeds[i], self.limits[i], self.predict(self.speeds[i], self.limits[i]))
 
     def find_strongest(self, cap: float) -> ClosingCommand:
-        """The closing of :meth:`find_command` with the largest peak that stays under a cap [``unit``] in 95 % of the
-        trials; else the fastest touch.
+        """Find the closing of :meth:`find_command` with the largest peak that stays under a cap [``unit``] in 95 % of
+        the trials; else the fastest touch.
 
         Raises:
-            InvalidInput: a cap that none of them keeps, as :meth:`find_touch`.
+            InvalidInput: no closing keeps the cap, as for :meth:`find_touch`.
         """
         forces = np.linspace(min(self.peaks), max(self.peaks), _FORCES)
         keeping = [one for one in map(self.find_command, forces[forces <= cap]) if one.peak.high <= cap]
         return max(keeping, key=lambda one: one.peak.value) if keeping else self.find_touch(cap)
 
     def find_command(self, force: float) -> ClosingCommand:
-        """Speed and limit whose peak is a force [``unit``]: at the slowest speed that reaches it, where the peak
-        depends on the commands least.
+        """Find speed and limit for a peak force [``unit``]: the slowest speed that reaches it, at which the peak
+        depends least on the commands.
 
         Raises:
-            InvalidInput: less than the gentlest or more than the strongest closing presses with.
+            InvalidInput: a force below the gentlest or above the strongest closing.
         """
         force = number("force", force, above=0)
         for speed in sorted(set(self.speeds)):
@@ -172,7 +172,7 @@ class ClosingTable:
         return f"{min(self.peaks):.4g} to {max(self.peaks):.4g} {self.unit} at {self.describe_tried()}"
 
     def describe_tried(self) -> str:
-        """Speeds and limits that were tried, in words."""
+        """Describe the speeds and limits that were tried."""
         return (
             f"speeds {min(self.speeds):g} to {max(self.speeds):g} and limits {min(self.limits):g} to "
             f"{max(self.limits):g}"

@@ -1,4 +1,4 @@
-"""Data sheets: the figures of drives in a file, TOML, beside the description of the hand or for drives of one kind."""
+"""Data sheets: figures of drives in a TOML file, beside the description of the hand or for drives of one kind."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ those of all drives of fingers that it fits. Each source says where a figure com
 
 
 def list_sheets() -> tuple[str, ...]:
-    """Names of the data sheets that come with the package."""
+    """List the data sheets that come with the package."""
     return tuple(sorted(one.name.removesuffix(SUFFIX) for one in _SHIPPED.iterdir() if one.name.endswith(SUFFIX)))
 
 
 def find_sheet(description: str | Path) -> Path | None:
-    """The data sheet beside a hand's description: ``hand.drives.toml`` beside ``hand.urdf``."""
+    """Find the data sheet beside a hand's description: ``hand.drives.toml`` beside ``hand.urdf``."""
     if "<" in str(description) or not Path(description).suffix:
         return None
     path = Path(description)
@@ -43,13 +43,13 @@ def find_sheet(description: str | Path) -> Path | None:
 
 
 def read_sheet(source: str | Path) -> tuple[dict[str, Any], ...]:
-    """The drives of a data sheet, each as plain values with the ``name`` of those that it describes.
+    """Read the drives of a data sheet, each as plain values with the ``name`` of those that it describes.
 
     Args:
         source: a file, or the name of a sheet that comes with the package (:func:`list_sheets`).
 
     Raises:
-        InvalidInput: a missing or broken file, or one that is no data sheet.
+        InvalidInput: the file is missing, broken, or not a data sheet.
     """
     shipped, path = _SHIPPED / f"{source}{SUFFIX}", Path(source)
     if not path.is_file() and path.suffix != ".toml":
@@ -77,12 +77,12 @@ def read_sheet(source: str | Path) -> tuple[dict[str, Any], ...]:
 
 
 def apply_sheet(hand: HandModel, source: str | Path) -> HandModel:
-    """The hand with the figures of a data sheet in its drives; other figures stay.
+    """Return the hand with the figures of a data sheet in its drives; other figures stay.
 
-    Drives of the sheet that the hand has not, as where a part of a robot is taken, are noted.
+    Notes name drives of the sheet that the hand does not have, as in a part of a robot.
 
     Raises:
-        InvalidInput: as :func:`read_sheet`; no drive that fits, or figures that make no drive.
+        InvalidInput: as :func:`read_sheet`; no drive matches, or the figures do not describe a drive.
     """
     drives = {drive.name: drive for drive in hand.drives}
     moving = {joint for finger in hand.fingers for joint in finger.actuated}
@@ -107,15 +107,15 @@ def apply_sheet(hand: HandModel, source: str | Path) -> HandModel:
 
 
 def write_sheet(drives: Sequence[Drive], hand: str) -> str:
-    """The data sheet of drives, as TOML: all that is known, nothing else."""
+    """Return the data sheet of drives as TOML, with everything that is known and nothing else."""
     return _write([drive_record(drive) for drive in drives], hand)
 
 
 def write_closing(
     table: ClosingTable, drive: str, source: str, contact_stiffness: tuple[float, float] | None = None
 ) -> str:
-    """The data sheet that says of a drive, or of those that a pattern fits, what its finger presses with, and how stiff
-    its contacts are over the planned ones [-], least and largest, where that is known.
+    """Return the data sheet of a drive, or of those that match a pattern, with the forces of its finger, and the least
+    and largest stiffness of its contacts over the planned one [-], if known.
     """
     figures: dict[str, Any] = {
         "name": drive,

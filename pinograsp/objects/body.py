@@ -30,7 +30,7 @@ _FAR = 1e100  # [m] squares of more overflow
 
 
 class BodyArguments(TypedDict, total=False):
-    """What every solid's constructor takes besides its size, see :class:`Body`."""
+    """Arguments of every solid's constructor besides its size, see :class:`Body`."""
 
     mass: float | None
     density: float | None
@@ -42,18 +42,19 @@ class BodyArguments(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
-    """A solid, homogeneous unless said otherwise; its body frame b is that in which its shape was given, of its file.
+    """A solid, homogeneous unless said otherwise; its body frame b is the frame in which its shape was given, that of
+    its file.
 
     Attributes:
         mass: [kg].
-        density: [kg/m^3]. Give one of the two; the other follows. Both are accepted where they agree, so records can be
-            copied; to copy one with another size, set what is not to be kept to None.
+        density: [kg/m^3]. Give one of the two; the other follows. Both are accepted if they agree, so that records can
+            be copied; to copy one with another size, set the one that changes to None.
         pose: oMb (4, 4), the body frame in the world [m].
-        inertia: rotational inertia (3, 3) about the centre of mass, body axes [kg m^2], where it was measured; None:
-            that of a homogeneous solid.
-        notes: what was changed in what was given, and sizes that hint at other units than metres.
-        regions: parts that have a name, as the groups of an OBJ file have: lower and upper corner (2, 3) of a box in
-            the body frame [m].
+        inertia: rotational inertia (3, 3) about the centre of mass, body axes [kg m^2], if it was measured; None: that
+            of a homogeneous solid.
+        notes: changes to the input, and sizes that suggest other units than metres.
+        regions: named parts, such as the groups of an OBJ file: lower and upper corner (2, 3) of a box in the body
+            frame [m].
         shape_pose: oMs (4, 4), the shape's own frame s in the world [m], in which ``collision_geometry`` is: at the
             centre of mass, with the body's axes, or those of a primitive that its file turned.
     """
@@ -200,13 +201,14 @@ class Body:
         return read_only(turn.T @ self.inertia_b @ turn)
 
     def placed(self: _Solid, pose: ArrayLike) -> _Solid:
-        """The same solid with its body frame at ``pose`` oMb (4, 4) [m]."""
+        """Return the same solid with its body frame at ``pose`` oMb (4, 4) [m]."""
         moved = copy.copy(self)
         moved._put(pose)
         return moved
 
     def moved(self: _Solid, shift_o: ArrayLike, turn_o: ArrayLike) -> _Solid:
-        """The same solid turned by ``turn_o`` (3, 3) about its centre of mass, which moves by ``shift_o`` (3,) [m].
+        """Return the same solid turned by ``turn_o`` (3, 3) about its centre of mass, which moves by ``shift_o`` (3,)
+        [m].
 
         Both are in the world's axes.
         """
@@ -217,7 +219,7 @@ class Body:
         return self.placed(pose)
 
     def project(self, points_o: ArrayLike) -> tuple[Array, Array, Array]:
-        """Nearest surface points (k, 3) [m], inward unit normals (k, 3) and signed distances (k,) [m].
+        """Find the nearest surface points (k, 3) [m], inward unit normals (k, 3) and signed distances (k,) [m].
 
         The distance is negative inside. Beyond an edge, a rim or a corner the nearest point lies on it and the normal
         points at it; on one (within 1e-9 m, so that rounding does not decide) it is the mean of the faces' that meet
@@ -259,7 +261,9 @@ class Body:
 
 
 def check_box(name: str, corners: ArrayLike) -> Array:
-    """Lower and upper corner (2, 3) of a box along an object's axes [m]; :class:`InvalidInput` where there is none."""
+    """Check a box along an object's axes and return its lower and upper corner (2, 3) [m]; :class:`InvalidInput` if it
+    is not a box.
+    """
     box = array_of(name, corners, (2, 3))
     if not (box[0] < box[1]).all():
         raise InvalidInput(f"{name}: expected lower corner < upper corner, got {box[0].tolist()} and {box[1].tolist()}")
@@ -267,7 +271,7 @@ def check_box(name: str, corners: ArrayLike) -> Array:
 
 
 class PrimitiveArguments(BodyArguments, total=False):
-    """What a primitive's constructor takes besides its size, see :class:`Primitive`."""
+    """Arguments of a primitive's constructor besides its size, see :class:`Primitive`."""
 
     shape_b: ArrayLike
 
@@ -291,7 +295,7 @@ class Primitive(Body):
 
 
 class InertiaImpossible(InvalidInput):
-    """An inertia that no solid of that mass and size has."""
+    """An inertia that no solid of that mass and size can have."""
 
 
 def _checked_inertia(name: str, value: object, most: float) -> Array:
@@ -306,7 +310,7 @@ def _checked_inertia(name: str, value: object, most: float) -> Array:
 
 
 def tangents(normals: Array) -> Array:
-    """Two orthonormal directions (k, 3, 2) across each unit normal (k, 3)."""
+    """Compute two orthonormal directions (k, 3, 2) across each unit normal (k, 3)."""
     aside = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first: Array = cross(normals, aside)
     first /= np.linalg.norm(first, axis=1)[:, None]
