@@ -1,4 +1,4 @@
-"""What drives and contacts make of a squeeze: quasi-static maps, stability, bands of the forces."""
+"""Actuation: how drives and contacts change a squeeze: quasi-static maps, stability, bands of the forces."""
 
 from pinograsp.actuation.bands import (
     FACTORS,

@@ -1,4 +1,4 @@
-"""Carrying: how fast an arm may move what its hand holds, and how hard the hand must squeeze on the way."""
+"""Carrying: how fast an arm may move the object in its hand, and how hard the hand must squeeze along the path."""
 
 from pinograsp.carry.carry_plan import CarryPlan
 from pinograsp.carry.folder import load_carry, save_carry

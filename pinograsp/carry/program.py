@@ -1,4 +1,4 @@
-"""The programs of carrying as data: what is to be solved, and where it ended.
+"""The programs of carrying and their solutions as data.
 
 Interval i of N has the forces x_i of k contacts (d numbers each, the normal force last) and the values p_i of two
 nodes, squared speeds y. Either neighbours share a node, or every interval has its own two. The program is::

@@ -24,24 +24,24 @@ from pinograsp.spatial import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CarryRecord:
-    """A timing of a path with the contact forces and joint torques on the way; N intervals, k contacts, n joints.
+    """The timing of a path with the contact forces and joint torques along it; N intervals, k contacts, n joints.
 
     Loads, forces and torques are those at the middles of the intervals. Vectors on the object are in axes that turn
     with the palm, those of the world where the grasp was planned.
 
     Attributes:
         robot: arm and hand.
-        grasp: what is carried.
-        path: the arm's.
+        grasp: the grasp that is carried.
+        path: the arm's path.
         gravity_o: (3,) [m/s^2].
         timing: of the path.
-        closing: how the grasp's hand closes to the first squeeze, as in the grasp's plan.
+        closing: motion in which the grasp's hand closes to the first squeeze, as in the grasp's plan.
         contacts: names of the contacts (k,).
         s: path parameter at the ends of the intervals (N + 1,), from 0 to 1.
-        times: there (N + 1,) [s].
-        speed: of the path parameter there (N + 1,) [1/s].
-        instants: of the middles (N,) [s].
-        limit: the fastest at which the path parameter may pass them, each by itself (N,) [1/s].
+        times: times at these ends (N + 1,) [s].
+        speed: of the path parameter at these ends (N + 1,) [1/s].
+        instants: times of the middles (N,) [s].
+        limit: largest speed of the path parameter at each middle by itself (N,) [1/s].
         q: positions at the middles (N, n) [rad or m].
         dq: speeds (N, n) [rad/s or m/s].
         ddq: accelerations (N, n) [rad/s^2 or m/s^2].
@@ -49,23 +49,24 @@ class CarryRecord:
         loads: wrench on the object that the forces balance (N, 6), about its centre of mass, linear first [N, N m].
         forces_o: on the object (N, k, 3) [N].
         normal_forces: (N, k) [N].
-        commanded: normal forces that the hand is told to press with (N, k) [N]; the normal forces, unless those are
-            commanded once, or change slowly, and the contacts react to the loads.
-        commanded_q: positions that the joints are sent (N, n) [rad or m]: fingers as much further than in the grasp as
+        commanded: commanded normal forces (N, k) [N]; they equal the normal forces unless these are commanded once, or
+            change slowly, and the contacts react to the loads.
+        commanded_q: commanded positions of the joints (N, n) [rad or m]: fingers closed further than in the grasp if
             contacts have to be deeper.
         commanded_torques: feed-forward that goes with them (N, n) [N m or N].
         torsion: moments about the normals (N, k) [N m].
-        friction_use: share of the friction that is relied on (N, k) [-].
-        binding: what keeps each interval from being passed faster (N,), in words.
+        friction_use: used share of the friction on which the plan relies (N, k) [-].
+        binding: the limit that binds in each interval (N,), in words.
         reserve: share of friction, caps, torques and speeds that is kept free [-].
         fastest: duration of the fastest timing, whose accelerations jump [s]; None: the timing was given.
         lower_bound: no timing of the N intervals within these limits is faster [s]; None: the timing was given.
-        factor: how many times as fast this timing may be, with a squeeze that follows the loads [-].
-        disturbance: that is borne on the way as well: a force in any direction [N], or a moment [N m].
+        factor: possible speed over that of this timing, with a squeeze that follows the loads [-].
+        disturbance: additional disturbance that the squeeze withstands along the path: a force in any direction [N], or
+            a moment [N m].
         residual: largest error of the balance, over the largest load [-].
         elapsed: computing time by stage [s].
-        notes: what the caller should know.
-        cautions: why the plan is doubtful although its forces balance the loads; empty where nothing speaks against it.
+        notes: remarks for the caller.
+        cautions: why the plan is doubtful although its forces balance the loads; empty without doubts.
     """
 
     robot: HandModel
@@ -110,17 +111,17 @@ class CarryRecord:
 
     @property
     def status(self) -> Status:
-        """``OK``; ``DOUBTFUL`` where there are cautions."""
+        """``OK``; ``DOUBTFUL`` with cautions."""
         return Status.DOUBTFUL if self.cautions else Status.OK
 
     @property
     def duration(self) -> float:
-        """Of the plan [s]."""
+        """Duration of the plan [s]."""
         return self.timing.duration
 
     @property
     def gap(self) -> float | None:
-        """How much longer the fastest timing is than the lower bound, over its duration [-]; None: it was given."""
+        """Relative gap between the fastest timing and its lower bound [-]; None: the timing was given."""
         if self.fastest is None or self.lower_bound is None:
             return None
         return (self.fastest - self.lower_bound) / self.fastest
@@ -142,11 +143,11 @@ class CarryRecord:
 
     @property
     def torque_limits(self) -> Array:
-        """Largest torques that the robot's joints and drives can make (n,) [N m or N], infinity where none is known."""
+        """Largest torques that the robot's joints and drives can produce (n,) [N m or N], infinity if unknown."""
         return drives_limit(self.robot)
 
     def describe(self) -> str:
-        """Duration, squeeze and what binds where, as readable text."""
+        """Describe duration, squeeze and the limits that bind, as readable text."""
         peak = int(self.squeeze.argmax())
         kept = f"within the limits ({100 * self.reserve:g} % of them kept free)"
         if self.fastest is None:
@@ -168,7 +169,7 @@ class CarryRecord:
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
     def shares(self) -> list[tuple[str, float]]:
-        """What binds, and for which share of the time, most of it first [-]."""
+        """The limits that bind, and their shares of the time, the largest first [-]."""
         took = np.diff(self.times) / self.times[-1]
         found: dict[str, float] = {}
         for what, share in zip(self.binding, took.tolist()):
@@ -199,7 +200,8 @@ class CarryRecord:
         }
 
     def trajectory(self, *, rate: float = 1000.0) -> JointTrajectory:
-        """What the joints of arm and fingers are sent at a rate [Hz]; it writes itself as CSV, for ROS 2, ...
+        """Return the commands of the joints of arm and fingers at a rate [Hz], a trajectory with ``to_csv``,
+        ``to_ros2``, ...
 
         It begins in the grasp, at the start of the path.
 
@@ -233,7 +235,7 @@ class CarryRecord:
         )
 
     def stretches(self) -> list[tuple[str, int, int]]:
-        """What binds, and the first and last interval of each stretch where it does."""
+        """The limits that bind, with the first and last interval of each stretch."""
         found: list[tuple[str, int, int]] = []
         for i, what in enumerate(self.binding):
             if found and found[-1][0] == what:

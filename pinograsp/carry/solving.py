@@ -1,7 +1,7 @@
-"""Programs of carrying, solved by Clarabel, and what its answer is worth.
+"""Solving the programs of carrying with Clarabel, and checking its answer.
 
-Of the answer only forces, speeds and the multipliers of a few rows are taken; residual, objective and lower bound are
-measured from them here.
+Only forces, speeds and the multipliers of a few rows come from Clarabel's answer; residual, objective and lower bound
+are computed from them here.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ _ATTEMPTS: tuple[dict[str, float | bool], ...] = (
 
 
 def solve_carry(program: CarryProgram, *, accuracy: float = 1e-8) -> CarrySolution:
-    """Solve a program to a relative ``accuracy`` of the objective, or as near to it as rounding lets it come.
+    """Solve a program to a relative ``accuracy`` of the objective, or as near to it as rounding allows.
 
-    Rows of R that no forces of half the largest bring to their limits at rest are left out, and put back where the
-    solution turns out to be beyond them: what solves a program with fewer limits, and keeps to all, solves it.
+    Rows of R that no forces of half the largest bring to their limits at rest are left out, and added again if the
+    solution violates them: a solution of a program with fewer limits that satisfies all limits solves the program.
     """
     force, square = _usual_sizes(program)
     scaled = program.scale(force, square)

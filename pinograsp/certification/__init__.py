@@ -1,4 +1,4 @@
-"""Grasps that others made: which hold, how hard they must press, and why the others do not hold."""
+"""Certification of given grasps: which hold, how hard they must press, and why the others do not hold."""
 
 from pinograsp.certification.certify import Certifier, certify
 from pinograsp.certification.commands import Commands

@@ -1,5 +1,5 @@
-"""Grasps of others: the files of public data sets read without running any of them, put on a hand's own description,
-and written back with newtons.
+"""Grasps of public data sets: files read without executing them, placed on a hand's own description, and written back
+with forces.
 """
 
 from pinograsp.data.alignment import Alignment, JointAxes, alignment, joint_axes

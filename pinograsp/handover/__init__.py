@@ -1,13 +1,13 @@
-"""A plan handed over to a robot's controller: one smooth joint trajectory at its rate, as CSV, ROS 2 message or MuJoCo
+"""Handing a plan over to a robot's controller: one smooth joint trajectory at its rate, as CSV, ROS 2 message or MuJoCo
 keyframes.
 
 The path runs through nodes with position, velocity and acceleration, by polynomials of fifth degree between them: all
-three are continuous everywhere, from rest to rest. The nodes are the plan's own samples. Where the plan's acceleration
-jumps (where the approach meets the grasp phase, where a joint is stopped by its limit, and at t_F, where the
-deceleration ends) those within half of ``blend`` are left out, so that one polynomial leads across; how far it then is
-from the plan is measured and told.
+three are continuous everywhere, from rest to rest. The nodes are the plan's own samples. If the plan's acceleration
+jumps (between approach and grasp phase, when a limit stops a joint, and at t_F, when the deceleration ends), the nodes
+within half of ``blend`` are left out, so that one polynomial bridges the jump; its deviation from the plan is measured
+and reported.
 
-The same for the drives that a hand really has: their torques, servo positions that make the forces, positions with
+The same exists for the actual drives of a hand: their torques, servo positions that produce the forces, positions with
 feed-forward and gains, or width and force of a gripper.
 """
 

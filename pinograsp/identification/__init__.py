@@ -1,4 +1,4 @@
-"""Identification: what a hand's drives and contacts are, from logs of it."""
+"""Identification of a hand's drives and contacts from its logs."""
 
 from pinograsp.hands.estimates import Estimate
 from pinograsp.identification.closings import ContactFit, IdentifiedClosings, identify_closings

@@ -1,4 +1,4 @@
-"""Picking: from an object on a table to a carried object, with the arm that one has."""
+"""Picking: from an object on a table to a carried object, with a given arm."""
 
 from pinograsp.pick.folder import load_pick, save_pick
 from pinograsp.pick.pick_motion import PickMotion

@@ -52,24 +52,24 @@ class PickPhase:
     def alone(
         cls, name: str, robot: HandModel, motion: tuple[Array, Array, Array, Array], gravity_o: Array
     ) -> PickPhase:
-        """A motion (times, q, dq, ddq) of the robot without the object."""
+        """Return the phase as a motion (times, q, dq, ddq) of the robot without the object."""
         times, q, dq, ddq = motion
         return cls(name=name, times=times, q=q, dq=dq, torques=inverse_dynamics(robot, q, dq, ddq, gravity_o=gravity_o))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PickRecord:
-    """Arm and hand from their start to the object, with it to its place, and back from it.
+    """A plan of arm and hand from their start to the object, with it to its place, and back.
 
     Attributes:
         robot: arm and hand; its posture is that of the start.
-        body: the object, where it stands.
-        scene: what stands around.
-        place: pose (4, 4) of the object's frame where it is put; None: it is only lifted.
-        grasp: of the hand alone: contacts, forces, what it withstands.
-        carry: the way with the object.
-        phases: one after the other.
-        tried: grasps that the arm was tried with.
+        body: the object, in its place.
+        scene: the obstacles.
+        place: target pose (4, 4) of the object's frame; None: it is only lifted.
+        grasp: plan of the hand alone: contacts, forces, what it withstands.
+        carry: the path with the object.
+        phases: the phases, in order.
+        tried: number of grasps that were tried with the arm.
         elapsed: computing time by stage [s].
     """
 
@@ -90,7 +90,7 @@ class PickRecord:
 
     @property
     def status(self) -> Status:
-        """``OK``; that of the grasp, or of the way with the object, where one is less."""
+        """``OK``, or the status of the grasp or of the path with the object if one is not."""
         return self.grasp.status if self.grasp.status is not Status.OK else self.carry.status
 
     @property
@@ -99,7 +99,7 @@ class PickRecord:
         return sum(phase.duration for phase in self.phases)
 
     def describe(self) -> str:
-        """Phases with their times, and what the hand presses with, as readable text."""
+        """Describe the phases with their times, and the squeeze, as readable text."""
         squeeze = self.carry.squeeze
         lines = [f"{self.robot.name}: {self.status}; {self.duration:.3g} s"]
         for phase in self.phases:
@@ -108,12 +108,12 @@ class PickRecord:
         return lines_of(*lines, *(f"caution: {one}" for one in self.cautions))
 
     def find_supports(self) -> set[str]:
-        """Names of the obstacles that the object stands on, here and where it is put."""
+        """Names of the obstacles on which the object stands, at the start and at the target."""
         return self.scene.find_supports(self.body, () if self.place is None else (self.place,))
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Of the grasp and of the way with the object, each once."""
+        """Cautions of the grasp and of the path with the object, each once."""
         own = [one for one in self.carry.cautions if not one.startswith(OWN)]  # these are the grasp's
         return tuple(dict.fromkeys((*self.grasp.cautions, *own)))
 
@@ -133,11 +133,12 @@ class PickRecord:
         }
 
     def trajectory(self, *, rate: float = 1000.0, joints: Sequence[str] | None = None) -> JointTrajectory:
-        """What the joints of arm and hand are sent, all phases; it writes itself as CSV, for ROS 2, ...
+        """Return the commands of the joints of arm and hand in all phases, a trajectory with ``to_csv``, ``to_ros2``,
+        ...
 
         Args:
             rate: of the samples [Hz].
-            joints: of one controller, as those of the arm alone; None: all.
+            joints: of one controller, such as those of the arm alone; None: all.
 
         Raises:
             InvalidInput: a rate that is not above 0, or millions of samples; a joint that the robot does not have.

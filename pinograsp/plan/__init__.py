@@ -1,4 +1,4 @@
-"""A grasp plan, its failure and its simulation as data, below all that reads them."""
+"""A grasp plan, the failure of a search, and a simulation, as data."""
 
 from pinograsp.plan.link_contacts import LinkContacts
 from pinograsp.plan.motion import Motion

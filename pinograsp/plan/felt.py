@@ -12,8 +12,8 @@ class Measured(NamedTuple):
     """A measured quantity.
 
     Attributes:
-        value: the numbers; with one that is not finite nothing of it was measured.
-        time: when they were measured [s].
+        value: the numbers; if one is not finite, the whole measurement is ignored.
+        time: time of the measurement [s].
     """
 
     value: Array
@@ -21,17 +21,17 @@ class Measured(NamedTuple):
 
 
 class Felt(NamedTuple):
-    """What is measured at a tick: None where nothing new has come.
+    """The measurements at a tick; None if nothing new has come.
 
     Attributes:
         time: of the tick, on the clock of the measurements [s].
         forces: on the object, in the contacts' axes (k, 3) [N].
         normal_forces: of the contacts (k,) [N].
-        slips: how fast the contacts slip (k,) [m/s]; a sensor that only tells whether they do gives 0 or 1.
+        slips: slip speeds of the contacts (k,) [m/s]; a sensor that only detects slip gives 0 or 1.
         torques: of the joints' drives (n,) [N m or N].
         joint_positions: (n,) [rad or m].
-        wrench: what the hand exerts on the object (6,), world axes, linear first, about the object's centre of mass as
-            it is planned, as a wrist's sensor tells it where the hand's own weight is taken off [N, N m].
+        wrench: wrench of the hand on the object (6,), world axes, linear first, about the object's planned centre of
+            mass, such as from a wrist's sensor after subtracting the hand's own weight [N, N m].
         acceleration: of the hand's base (3,), world axes, without gravity [m/s^2].
     """
 
@@ -46,10 +46,10 @@ class Felt(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What the drives are sent.
+    """The commands of the drives.
 
     Attributes:
-        torques: added to the servos' (n,) [N m or N].
+        torques: added to those of the servos (n,) [N m or N].
         references: positions that the servos hold (n,) [rad or m]; None: as the plan has them.
     """
 

@@ -1,4 +1,4 @@
-"""From a force problem, or a hand and an object, to a grasp plan; plans to files and back."""
+"""Planning: from a force problem, or a hand and an object, to a grasp plan; writing and reading plans."""
 
 from pinograsp.planner.assemble import record_failure
 from pinograsp.planner.best import plan_best

@@ -1,4 +1,4 @@
-"""The squeeze follows what is felt while an object is held."""
+"""A squeeze that reacts to the hand's sensors while it holds an object."""
 
 from pinograsp.plan.felt import Command, Controller, Felt, Measured
 from pinograsp.reflex.grip_controller import GripController, GripSettings

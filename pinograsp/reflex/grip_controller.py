@@ -1,4 +1,4 @@
-"""A squeeze that follows what is felt: load, friction and slip, tick by tick."""
+"""A squeeze that reacts to measured load, friction and slip, tick by tick."""
 
 from __future__ import annotations
 
