@@ -119,6 +119,7 @@ ABOUT_ALL = {
     "test_front_door.py",
     "test_imports.py",
     "test_fuzzing.py",
+    "test_packaging.py",
     "test_typing.py",
     "test_documents.py",
 }

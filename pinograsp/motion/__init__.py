@@ -5,7 +5,7 @@ from pinograsp.motion.online import LoopSettings, OnlineForces
 from pinograsp.motion.producible import PressingTogether, pressing_together
 from pinograsp.motion.surfaces import normal_at_rest
 from pinograsp.motion.torques import effort_of, preload_slope, torque_limits, torques_matter
-from pinograsp.motion.trajectory import MotionSpec, plan_motion
+from pinograsp.motion.trajectory import MotionSpec, draft_motion, plan_motion
 
 __all__ = [
     "ContactPostures",
@@ -14,6 +14,7 @@ __all__ = [
     "OnlineForces",
     "PressingTogether",
     "contact_postures",
+    "draft_motion",
     "effort_of",
     "normal_at_rest",
     "plan_motion",

@@ -108,6 +108,35 @@ def plan_motion(
         ContactNotReached: a finger has no posture at its contact points.
         InvalidInput: unknown fingers or wrong sizes in ``spec``, or a solution without forces.
     """
+    return draft_motion(hand, solution, spec, corrected=corrected).finish()
+
+
+class MotionDraft(NamedTuple):
+    """A motion whose fingers are on their paths, whatever is in their way: half of the work."""
+
+    planning: _Planning
+    tried: dict[str, int]
+
+    @property
+    def posture(self) -> Array:
+        """The posture (n,) that the motion ends in."""
+        posture: Array = self.planning.path.q[-1]
+        return posture
+
+    def finish(self) -> Motion:
+        """Return the motion, with its fingers clear of what is in their way if any order of their joints is."""
+        self.planning.keep_clear()
+        return self.planning.result(self.tried)
+
+
+def draft_motion(
+    hand: HandModel,
+    solution: ForceSolution | RobustForces,
+    spec: MotionSpec | None = None,
+    *,
+    corrected: bool = True,
+) -> MotionDraft:
+    """Begin the motion of :func:`plan_motion`, for its last posture alone; arguments and errors as there."""
     instance_of("hand", hand, HandModel)
     spec = MotionSpec() if spec is None else instance_of("spec", spec, MotionSpec)
     if isinstance(solution, RobustForces):
@@ -128,8 +157,7 @@ def plan_motion(
     busy = {int(i) for finger, _ in groups for i in finger.dofs}
     planning.move_idle(busy)
     planning.load_others(busy)
-    planning.keep_clear()
-    return planning.result({name: len(found.angles) for name, found in postures.items()})
+    return MotionDraft(planning, {name: len(found.angles) for name, found in postures.items()})
 
 
 class Gentle(NamedTuple):

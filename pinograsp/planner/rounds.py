@@ -29,6 +29,7 @@ from pinograsp.forces.solve.solvers import check_qp_solver
 from pinograsp.hands import HandModel
 from pinograsp.motion import (
     PressingTogether,
+    draft_motion,
     normal_at_rest,
     plan_motion,
     pressing_together,
@@ -155,21 +156,23 @@ def _search_optimum(hand: HandModel, setup: Setup, options: PlanOptions, progres
         forces = optimize_grasp(searched, objective=objective, solver=options.solver, progress=progress)
         refuse_failure(forces, explain_proof)
         watch.stop("forces")
-        motion = plan_motion(hand, forces, options.motion)
+        draft = draft_motion(hand, forces, options.motion)
         watch.stop("motion")
         if limit is None or forces.status is Status.INTERRUPTED or rounds == ROUNDS.torques:
             break
-        limits = _limits_at_the_end(hand, forces, motion, limit)
+        limits = _limits_at(hand, forces, draft.posture, limit)
         if _are_settled(limits, searched.torques):
             break
         searched, objective, rounds = replace(problem, torques=limits), options.objective, rounds + 1
+    motion = draft.finish()
+    watch.stop("motion")
     return ForcesAndMotion(forces=forces, motion=motion, elapsed=watch.elapsed)
 
 
-def _limits_at_the_end(hand: HandModel, forces: ForceSolution, motion: Motion, limit: Array) -> TorqueLimits:
-    """The torque limits at the posture that a motion ends in."""
+def _limits_at(hand: HandModel, forces: ForceSolution, posture: Array, limit: Array) -> TorqueLimits:
+    """The torque limits at the posture (n,) at which a hand presses with these forces."""
     problem, depth = forces.problem, forces.profile.final_depth
-    return torque_limits(hand, problem.contacts, motion.q[-1], depth=depth, limit=limit, gravity_o=problem.gravity_o)
+    return torque_limits(hand, problem.contacts, posture, depth=depth, limit=limit, gravity_o=problem.gravity_o)
 
 
 def _are_settled(limits: TorqueLimits, known: TorqueLimits | None) -> bool:
@@ -194,17 +197,19 @@ def _search_squeeze(hand: HandModel, setup: Setup, options: PlanOptions, reserve
             tried += squeeze.tried
         forces = squeeze.under(problem.load)
         watch.stop("forces")
-        motion = plan_motion(hand, forces, options.motion, corrected=not reserve.has_scenarios)
-        posture = motion.q[-1]
+        draft = draft_motion(hand, forces, options.motion, corrected=not reserve.has_scenarios)
+        posture = draft.posture
         watch.stop("motion")
         if limit is None:
             break
-        limits = _limits_at_the_end(hand, forces, motion, limit)
+        limits = _limits_at(hand, forces, posture, limit)
         if _are_settled(limits, searched.torques):
             break
         searched, start, rounds = replace(problem, torques=limits), squeeze.impact_time, rounds + 1
         if rounds > ROUNDS.torques:
             break
+    motion = draft.finish()
+    watch.stop("motion")
     least = _least_of_any_hand(freely, solved, reserve, options)
     watch.stop("forces")
     for _ in range(ROUNDS.coming):
