@@ -58,7 +58,7 @@ def used() -> set[str]:
     tops = {name.partition(".")[0] for names in imports().values() for name in names}
     tops -= {"pinograsp", "__future__", "_typeshed", *sys.stdlib_module_names}
     homes = packages_distributions()
-    homes |= {"pinocchio": ["pin"], "coal": ["pin"], "mujoco": ["mujoco-core"]}
+    homes |= {"pinocchio": ["pin"], "coal": ["pin"], "mujoco": ["mujoco-core"], "rerun": ["rerun-sdk"]}
     homes |= {top: [f"ros-{top}"] for top, rooms in OWNERS.items() if rooms == {"ros2"}}  # often not installed
     return {named(homes.get(top, [top])[0]) for top in tops}
 

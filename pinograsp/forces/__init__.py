@@ -1,5 +1,6 @@
 """Contact forces: the problem, grid searches, the multiplier QP, certified convex optima, margins, robust sets."""
 
+from pinograsp.forces.autodiff import to_jax, to_torch
 from pinograsp.forces.better_contacts import BetterContacts, optimize_contacts
 from pinograsp.forces.certificate import TOLERANCE, Certificate, Infeasibility, Tolerance
 from pinograsp.forces.conditions import GraspConditions, TorqueLimit
@@ -136,7 +137,9 @@ __all__ = [
     "reserve_along",
     "search_reserve",
     "solve_batch",
+    "to_jax",
     "to_qp",
     "to_socp",
+    "to_torch",
     "unregister_solver",
 ]

@@ -347,6 +347,13 @@ class GraspPlan(PlanRecord):
 
         return save_html(self, path, simulation=simulation)
 
+    def save_rerun(self, path: str | Path, *, simulation: Simulation | None = None) -> Path:
+        """Write a recording for the Rerun viewer, .rrd: see :func:`~pinograsp.viz.rerun_file.write_rerun`."""
+        from pinograsp.viz.rerun_file import write_rerun
+        from pinograsp.viz.scene import make_scene
+
+        return write_rerun(make_scene(self.with_margins(), simulation), path)
+
     def picture(
         self,
         path: str | Path,

@@ -39,6 +39,12 @@ class Shown:
 
         return write_file(path, render_page(self._make_scene()).encode())
 
+    def save_rerun(self, path: str | Path) -> Path:
+        """Write a recording for the Rerun viewer, .rrd: see :func:`~pinograsp.viz.rerun_file.write_rerun`."""
+        from pinograsp.viz.rerun_file import write_rerun
+
+        return write_rerun(self._make_scene(), path)
+
     def picture(self, path: str | Path, *, time: float | None = None, view: ArrayLike | None = None) -> Path:
         """Write a picture of arm, object and forces; returns its path.
 
