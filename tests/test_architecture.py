@@ -111,7 +111,7 @@ OWNERS = {
     "filelock": {"writing"},
     "joblib": {"interrupts", "synthesis", "simulation", "sweep"},
     "cloudpickle": {"synthesis", "simulation"},
-    "pyarrow": {"identification", "sweep"},
+    "pyarrow": {"identification", "handover", "sweep"},
     "distributed": {"sweep"},
 }
 # Tests of what no single room does.

@@ -18,6 +18,7 @@ from pinograsp.handover.commands import Command, Commanding, drive_commands
 from pinograsp.handover.core_files import write_core
 from pinograsp.handover.grasp_rows import commanded_postures, grasp_rows, write_dexgraspbench
 from pinograsp.handover.jaws import JawCommand, JointTarget, gripper_message, jaw_commands, write_jaws
+from pinograsp.handover.lerobot_rows import write_lerobot
 from pinograsp.handover.reading import read_csv, read_ros2
 from pinograsp.handover.registers import FingerClosing, Units, closing_commands, write_closings, write_registers
 from pinograsp.handover.trajectory import JointTrajectory
@@ -44,5 +45,6 @@ __all__ = [
     "write_core",
     "write_dexgraspbench",
     "write_jaws",
+    "write_lerobot",
     "write_registers",
 ]
