@@ -23,7 +23,8 @@ reflexes from 0.1 s after the hand holds the object alone.
 A controller of your own: a function of a plan, what happens (``Happening``, which only an oracle looks into) and the
 cap [N], that returns a :class:`pinograsp.reflex.Controller`, and an entry in ``CONTROLLERS``. Writes execution.csv
 beside this file; the last line is JSON with ``--json``. With ``--films FOLDER`` the first three trials that each
-controller lost become pages that move, beside the plan. Some 4 s for each trial of each controller.
+controller lost become pages that move, beside the plan. Some 4 s for each trial of each controller. The same trials as
+an environment of Gymnasium, for learning: ``execution_env.py``.
 """
 
 from __future__ import annotations
@@ -298,7 +299,22 @@ def run_trial(
     plan: GraspPlan, happening: Happening, name: str, page: Path | None = None, hold: float = HOLD
 ) -> dict[str, object]:
     """One trial of one controller; ``page``: where it is shown."""
-    cap = CAP * float(plan.forces.normal_forces.max())
+    controller = CONTROLLERS[name][1](plan, happening, cap_of(plan))
+    row = {"controller": name} | try_controller(plan, happening, controller, page, hold)
+    believed = isinstance(controller, Reflex) and "travel_mm" in row  # it did not diverge
+    return row | (controller.judge(plan, happening) if believed else {})
+
+
+def cap_of(plan: GraspPlan) -> float:
+    """The normal force that no controller should exceed [N]."""
+    return CAP * float(plan.forces.normal_forces.max())
+
+
+def try_controller(
+    plan: GraspPlan, happening: Happening, controller: Controller, page: Path | None = None, hold: float = HOLD
+) -> dict[str, object]:
+    """The same for a controller that is made: what came of it."""
+    cap = cap_of(plan)
     sensors = Sensors(
         quantities=("forces", "normal_forces", "slips", "torques"),
         noise=0.1,
@@ -306,8 +322,6 @@ def run_trial(
         loss=0.05,
         seed=happening.seed,
     )
-    row: dict[str, object] = {"controller": name, "kept": False}
-    controller = CONTROLLERS[name][1](plan, happening, cap)
     try:
         seen = pg.simulate(
             plan,
@@ -320,7 +334,7 @@ def run_trial(
             sample=4e-3,
         )
     except pg.errors.SimulationDiverged as error:
-        return row | {"why": str(error).splitlines()[0]}
+        return {"kept": False, "why": str(error).splitlines()[0]}
     if page is not None:
         plan.save_html(page, simulation=seen)
     times, places = seen.times, seen.object_poses[:, :3, 3]
@@ -331,13 +345,12 @@ def run_trial(
     kept = bool(whole and rests and away.max() < GONE and (seen.normal_forces[-1] > 0).sum() > 1)
     loop = _loop_of(plan, 1e4)
     least, _, _ = loop.step(happening.load(plan, 10.0), mu=happening.mu)
-    return row | {
+    return {
         "kept": kept,
         "travel_mm": round(1e3 * float(away.max()), 3),
         "squeeze_over_least": round(float(seen.normal_forces[last].sum(axis=1).mean() / least[:, 2].sum()), 3),
         "over_cap": bool(seen.normal_forces[seen.complete :].max() > cap),
         "why": "" if kept else seen.verdict.reason,
-        **(controller.judge(plan, happening) if isinstance(controller, Reflex) else {}),
     }
 
 
