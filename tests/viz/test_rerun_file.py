@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import pinograsp as pg
 from pinograsp.errors import ExtraMissing, InvalidInput
+from pinograsp.viz.rerun_file import write_rerun
 from pinograsp.viz.scene import make_scene
 
 
@@ -35,7 +37,7 @@ def read_columns(path):
 
 
 def turn(pose, points):
-    """Points (n, 3) of a frame at position and quaternion w, x, y, z (7,)."""
+    """Points (..., 3) of a frame at position and quaternion w, x, y, z (7,)."""
     w, v = pose[3], pose[4:]
     return points + 2 * np.cross(v, np.cross(v, points) + w * points) + pose[:3]
 
@@ -73,6 +75,21 @@ def test_a_recording_has_motion_arrows_and_time_series(plan, tmp_path):
     assert any(name.startswith("/world/hand/") for name in static) and "/summary" in static
     _, drifted = columns["/world/simulation/object", "translation"]
     np.testing.assert_allclose(drifted, scene.simulated.object_poses[:, :3], **close)
+
+
+def test_arrows_turn_with_the_palm_that_carries_them(plan, tmp_path):
+    pytest.importorskip("rerun", reason="the extra rerun is not installed")
+    scene = make_scene(plan)
+    half = 0.5 * np.linspace(0.0, 1.0, len(scene.times))  # of the angle about x [rad]
+    zeros = np.zeros_like(half)
+    carried = np.column_stack([half, zeros, zeros, np.cos(half), np.sin(half), zeros, zeros])
+    columns, _ = read_columns(write_rerun(replace(scene, carried=carried), tmp_path / "carry.rrd"))
+    for k, name in enumerate(scene.contacts):
+        start, _ = scene.arrows(-1)[k]
+        still = np.array([0, 0, 0, *carried[-1, 3:]])  # directions turn, and do not move
+        along = scene.force_scale * scene.forces_o[-1, k]
+        for part, expected in (("origins", turn(carried[-1], start)), ("vectors", turn(still, along))):
+            np.testing.assert_allclose(columns[f"/world/forces/{name}", part][1][-1], expected, rtol=1e-5, atol=1e-6)
 
 
 def test_recordings_say_what_they_expect(plan, tmp_path, monkeypatch):
