@@ -121,7 +121,7 @@ def render_bands(
     """
     points, faces, owner = _join(surfaces)
     spans = _find_spans(camera.project(points)[faces], camera)
-    normals = np.concatenate([np.zeros((0, 3)), *(_normals(one) for one in surfaces)])
+    normals = np.concatenate([np.zeros((0, 3)), *(average_normals(one.vertices, one.faces) for one in surfaces)])
     linear = np.array([one.colour for one in surfaces]).reshape(-1, 3) ** _GAMMA
     for first, last in bands:
         shape = (last - first, camera.width)
@@ -234,11 +234,11 @@ def _find_nearest(spans: _Spans, camera: Camera, rows: tuple[int, int]) -> tuple
     return near.reshape(shape), which.reshape(shape)
 
 
-def _normals(surface: Surface) -> Array:
-    """Normals (n, 3) at the vertices: the mean of their faces' by area."""
-    a, b, c = np.moveaxis(surface.vertices[surface.faces], 1, 0)
+def average_normals(vertices: Array, faces: IntArray) -> Array:
+    """Normals (n, 3) at the vertices (n, 3) of any length: the mean of their faces' (m, 3) by area."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
     across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-    corners, count = surface.faces.ravel(), len(surface.vertices)
+    corners, count = faces.ravel(), len(vertices)
     return np.stack([np.bincount(corners, across[:, i], count) for i in range(3)], axis=1)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from pinograsp.checks import path_of
 from pinograsp.errors import ExtraMissing, InvalidInput
 from pinograsp.spatial import Array
+from pinograsp.viz.raster import average_normals
 from pinograsp.viz.scene import ViewScene
 from pinograsp.viz.scene_meshes import LOAD, rgb
 from pinograsp.viz.solids import Solid
@@ -60,6 +61,7 @@ def _arrange(rr: Any) -> Any:
     return views.Blueprint(views.Horizontal(views.Spatial3DView(origin="world"), plots, column_shares=[3, 2]))
 
 
+_CLEAR = 100  # opacity of the object, of 255: arrows of forces begin on it and point inwards
 _UNITS = {"normal": "N", "tangential": "N", "torques": "N m, N", "positions": "rad, m"}
 
 
@@ -115,8 +117,12 @@ class _Recorder:
                 self._put([*root, *parent, solid.name], self._mesh(solid))
 
     def _mesh(self, solid: Solid) -> Any:
+        normals = average_normals(solid.vertices, solid.faces)
         return self.rr.Mesh3D(
-            vertex_positions=solid.vertices, triangle_indices=solid.faces, albedo_factor=[*rgb(solid.colour), 255]
+            vertex_positions=solid.vertices,
+            triangle_indices=solid.faces,
+            vertex_normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300),
+            albedo_factor=[*rgb(solid.colour), _CLEAR if solid.link is None else 255],
         )
 
     def _move(self, place: list[str], poses: Array) -> None:
