@@ -1,7 +1,4 @@
-"""The optimal forces and their cost as a function that PyTorch and JAX differentiate: extras ``torch`` and ``jax``.
-
-The derivatives are those of :func:`~pinograsp.forces.force_sensitivity`, by the implicit function theorem.
-"""
+"""The optimal forces as a function of PyTorch or JAX, with the gradients of ``force_sensitivity``."""
 
 from __future__ import annotations
 

@@ -62,9 +62,10 @@ def write_lerobot(
     samples = [_sample(plan, simulation, rate, action) for plan, simulation in pairs]
     lengths = np.array([len(state) for state, _ in samples])
     frames, ends = np.concatenate([np.arange(n) for n in lengths]), np.cumsum(lengths)
+    states, actions = (np.concatenate(part).astype(np.float32) for part in zip(*samples))
     rows: dict[str, Any] = {
-        "observation.state": np.concatenate([state for state, _ in samples]).astype(np.float32),
-        "action": np.concatenate([actions for _, actions in samples]).astype(np.float32),
+        "observation.state": states,
+        "action": actions,
         "timestamp": (frames / rate).astype(np.float32),
         "frame_index": frames,
         "episode_index": np.repeat(np.arange(len(pairs)), lengths),
