@@ -1,5 +1,6 @@
 """The documentation: sphinx-build -W docs build/site. Tutorials are executed, and what they print is shown."""
 
+import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
 
@@ -15,6 +16,7 @@ extensions = [
     "myst_nb",
     "sphinx_design",
     "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["build", "notebooks"]
 
@@ -28,6 +30,25 @@ nb_merge_streams = True
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 copybutton_exclude = ".linenos, .gp, .go"
+
+# Every script of examples/gallery runs once, and again when it has changed; what it draws is shown beside it.
+# -D plot_gallery=0 shows the scripts alone.
+sys.path.insert(0, str(Path(__file__).parent))
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples/gallery",
+    "gallery_dirs": "gallery",
+    "filename_pattern": "",
+    "within_subsection_order": "FileNameSortKey",
+    "nested_sections": False,
+    "image_scrapers": "gallery_pictures.collect",
+    "reset_modules": (),
+    "capture_repr": (),
+    "download_all_examples": False,
+    "notebook_extensions": set(),
+    "show_signature": False,
+    "write_computation_times": False,
+    "parallel": 2,
+}
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"

@@ -1,16 +1,19 @@
-"""The numbered examples, run as a reader would: from a folder of their own, by themselves."""
+"""The examples, run as a reader would: from a folder of their own, by themselves."""
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9][0-9]_*.py"))
+GALLERY = sorted((ROOT / "examples" / "gallery").glob("*/*.py"))
 # What a reader looks for in what they print.
 EXPECTED = {
     "00": ("ok t_I = 0.9167", "57.09 mJ", "peak torque"),
@@ -28,7 +31,10 @@ SLOW = ("01", "02", "03", "04", "05", "06", "08", "09")
 
 
 def run(path: Path, folder: Path) -> str:
-    done = subprocess.run([sys.executable, str(path)], cwd=folder, capture_output=True, text=True, timeout=900)
+    environment = {**os.environ, "MPLBACKEND": "agg"}
+    done = subprocess.run(
+        [sys.executable, str(path)], cwd=folder, env=environment, capture_output=True, text=True, timeout=900
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return done.stdout
@@ -58,3 +64,23 @@ def test_example_runs(path, tmp_path):
         assert words in told, told
     if path.name.startswith("05"):  # the palm presses, or several links of a finger do: which, the optimum says
         assert "palm: " in told or "/" in told, told
+
+
+def test_the_gallery_is_of_short_scripts():
+    assert len(GALLERY) >= 20 and len({path.stem for path in GALLERY}) == len(GALLERY)
+    for path in GALLERY:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        assert 10 <= len(lines) <= 50 and max(map(len, lines)) <= 88, path.name
+        assert lines[0] == '"""' and lines[2] == "=" * len(lines[1]) and lines[4].strip(), path.name
+
+
+@pytest.mark.slow  # searches, plans, simulations and films
+@pytest.mark.parametrize("path", GALLERY, ids=lambda path: path.stem)
+def test_the_gallerys_scripts_draw_what_they_are_called_after(path, tmp_path):
+    told = run(path, tmp_path).split()
+    assert not {"doubtful", "infeasible", "lost"} & set(told), told
+    (drawn,) = tmp_path.iterdir()
+    assert drawn.stem == path.stem
+    with Image.open(drawn) as image:
+        assert min(image.size) >= 350
+        assert len(image.convert("RGB").getcolors(image.width * image.height) or ()) > 20
