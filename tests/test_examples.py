@@ -67,7 +67,7 @@ def test_example_runs(path, tmp_path):
 
 
 def test_the_gallery_is_of_short_scripts():
-    assert len(GALLERY) >= 20 and len({path.stem for path in GALLERY}) == len(GALLERY)
+    assert len(GALLERY) >= 35 and len({path.stem for path in GALLERY}) == len(GALLERY)
     for path in GALLERY:
         lines = path.read_text(encoding="utf-8").splitlines()
         assert 10 <= len(lines) <= 50 and max(map(len, lines)) <= 88, path.name

@@ -26,16 +26,17 @@ robot = pg.attach(arm, "allegro_right", posture=home, **flange)
 file = Path(pg.__file__).parent / "cases" / "mug.obj"
 mug = pg.Mesh.load(file, scale=1e-3, mass=0.25)
 mug = mug.placed(pose_of((0.5, 0.2, -mug.vertices[:, 2].min())))
-table = pg.Scene.on_table(at=(0.5, 0.1), size=(0.4, 0.6))
+table = pg.Scene.on_table(at=(0.5, 0.0), size=(0.3, 0.64))
 pick = pg.plan_pick(robot, mug, table, pg.GraspConditions(mu=0.7), seed=2)
 
 s = np.linspace(0, 1, 41)[:, None]
 shares = np.clip([2 * s, 2 * s - 1], 0, 1)  # of the swing, then of the shaking
 swing, shaken = 0.5 - 0.5 * np.cos(np.pi * shares[0]), np.sin(6 * np.pi * shares[1])
-offsets = swing * [-0.7, 0, 0, 0, 0, 0, 0] + shaken * [0.1, 0, 0, 0.1, 0, 0.15, 0]
+offsets = swing * [-0.6, -0.2, 0, 0, 0, 0, 0] + shaken * [0.12, 0, 0, 0.1, 0, 0.2, 0]
 way = pick.phases[-1].q[-1, robot.arm] + offsets
 names = [robot.joint_names[i] for i in robot.arm]
-carry = plan_carry(robot, pick.grasp, dict(zip(names, way.T)))
+push = pick.carry.disturbance[0]  # that the squeeze withstands on the way as well [N]
+carry = plan_carry(robot, pick.grasp, dict(zip(names, way.T)), disturbance=push)
 print(pick.status, f"{pick.duration:.1f} s, {carry.times[-1]:.1f} s")
 
 first, then = pick_scene(pick), carry_scene(carry)
