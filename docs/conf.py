@@ -36,6 +36,9 @@ copybutton_exclude = ".linenos, .gp, .go"
 sys.path.insert(0, str(Path(__file__).parent))
 sphinx_gallery_conf = {
     "examples_dirs": "../examples/gallery",
+    "subsection_order": [
+        f"../examples/gallery/{section}" for section in ("hands", "wishes", "forces", "motion", "sensing", "films")
+    ],
     "gallery_dirs": "gallery",
     "filename_pattern": "",
     "within_subsection_order": "FileNameSortKey",

@@ -25,4 +25,4 @@ way = dict(zip(joints, np.transpose([begin, middle, end])))
 carried = plan_carry(arm, grasp, way)
 print(grasp.status, f"{carried.times[-1]:.2f} s")
 
-carried.picture("carried.png")
+carried.picture("carried.png", view=(0.3, 1, 0.4))
