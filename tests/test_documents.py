@@ -8,6 +8,7 @@ import re
 import runpy
 import subprocess
 import sys
+from difflib import SequenceMatcher
 from pathlib import Path
 
 import jupytext
@@ -100,24 +101,57 @@ def notebooks():
     return module
 
 
+def stored(name):
+    return nbformat.read(DOCS / "notebooks" / f"{name}.ipynb", as_version=4)
+
+
 def test_notebooks_are_those_of_the_tutorials():
     made = notebooks()
-    assert len(made.NAMES) == 3
+    assert {path.stem for path in (DOCS / "notebooks").glob("*.ipynb")} == set(made.NAMES)
+    index = (DOCS / "tutorials" / "index.md").read_text(encoding="utf-8")
     for name in made.NAMES:
-        ours = nbformat.reads((DOCS / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"), as_version=4)
-        fresh = nbformat.reads(made.notebook(name), as_version=4)
+        ours, fresh = stored(name), nbformat.reads(made.notebook(name), as_version=4)
         assert [cell.source for cell in ours.cells] == [cell.source for cell in fresh.cells], name
         nbformat.validate(ours)
-        assert "pip install" in ours.cells[1].source
+        assert "%pip install" in ours.cells[1].source
+        assert f"../notebooks/{name}.ipynb" in index
+
+
+def test_notebooks_show_what_their_cells_print_and_draw():
+    for name in notebooks().NAMES:
+        path = DOCS / "notebooks" / f"{name}.ipynb"
+        assert path.stat().st_size < 400_000, f"{name}: readers load all of it before they see anything"
+        assert "/tmp/" not in path.read_text(encoding="utf-8"), name
+        for cell in stored(name).cells:
+            if cell.cell_type != "code":
+                continue
+            assert all(output.output_type != "error" for output in cell.outputs), name
+            if re.search(r"^print\(|^figures\.|Image\(|subplots\(", cell.source, re.M):
+                assert cell.outputs, f"{name}: {cell.source}"
+
+
+def shown(cell):
+    """The kinds of what a cell shows, and its words without their figures."""
+    kinds = [sorted(output.get("data", {output.get("name", output.output_type): 0})) for output in cell.outputs]
+    words = " ".join(output.get("text", "") for output in cell.outputs)
+    return kinds, re.findall(r"[A-Za-z_]{3,}", words)
 
 
 @pytest.mark.slow  # plans and simulations
 @pytest.mark.no_cover
 @pytest.mark.parametrize("path", sorted((DOCS / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
-def test_notebooks_run(path, tmp_path):
-    book = nbformat.read(path, as_version=4)
-    NotebookClient(book, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    assert any(cell.get("outputs") for cell in book.cells if cell.cell_type == "code")
+def test_notebooks_run(path):
+    """No cell fails, and every cell shows what the file has: the same kinds, and mostly the same words. Figures are
+    not compared, and other processors may find another of two grasps that are equally good.
+    """
+    old = stored(path.stem)
+    book = nbformat.reads(notebooks().notebook(path.stem), as_version=4)
+    notebooks().execute(book)
+    for before, now in zip(old.cells, book.cells, strict=True):
+        if now.cell_type == "code":
+            (kinds, words), (kinds_now, words_now) = shown(before), shown(now)
+            assert kinds == kinds_now, now.source
+            assert SequenceMatcher(a=words, b=words_now, autojunk=False).ratio() > 0.7, (words, words_now)
 
 
 def commands() -> list[tuple[str, str]]:
