@@ -6,10 +6,13 @@ from pathlib import Path
 
 from sphinx import addnodes
 
+import pinograsp
+
 project, author = "pinograsp", "the pinograsp developers"
 version = release = version_of("pinograsp")
 extensions = [
     "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinx.ext.mathjax",
@@ -18,7 +21,11 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["build", "notebooks"]
+exclude_patterns = ["build", "notebooks", "templates"]
+templates_path = ["templates"]
+# Classes whose bases have more fields and methods: their pages link to these.
+_classes = [one for name in pinograsp.__all__ if isinstance(one := getattr(pinograsp, name), type)]
+autosummary_context = {"heirs": [one.__name__ for one in _classes if one.__bases__ != (object,)]}
 
 # Every page with {code-cell} runs from start to end in a folder of its own; a cell that fails fails the build.
 nb_execution_mode = "cache"
@@ -100,6 +107,23 @@ def _plain_bars(app, what, name, obj, options, lines):
         lines[i] = "``".join(parts)
 
 
+def _skip_front_door(app, what, name, obj, skip, options):
+    """Names at the front door have pages of their own: rooms do not repeat them."""
+    return True if what == "module" and _is_at_front_door(name, obj) else None
+
+
+def _is_at_front_door(name, obj):
+    return name in pinograsp.__all__ and getattr(pinograsp, name) is obj
+
+
+def _link_front_door(app, what, name, obj, options, lines):
+    """A room's names at the front door, as links to their pages."""
+    if what == "module":
+        here = [one for one in getattr(obj, "__all__", ()) if _is_at_front_door(one, getattr(obj, one))]
+        if here:
+            lines += ["", "With pages of their own: " + ", ".join(f":py:obj:`~{name}.{one}`" for one in here) + "."]
+
+
 def _add_keywords(app, doctree):
     """The page's keywords, as entries of the index: the search looks there first."""
     if words := app.config.search_keywords.get(app.env.docname):
@@ -109,5 +133,7 @@ def _add_keywords(app, doctree):
 def setup(app):
     """What Sphinx calls first."""
     app.connect("autodoc-process-docstring", _plain_bars)
+    app.connect("autodoc-process-docstring", _link_front_door)
+    app.connect("autodoc-skip-member", _skip_front_door)
     app.add_config_value("search_keywords", {}, "env", types=(dict,))
     app.connect("doctree-read", _add_keywords)

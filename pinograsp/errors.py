@@ -20,6 +20,14 @@ class Status(StrEnum):
     """How a stage, a plan, a certified grasp or a command ended, in one word.
 
     ``OK`` is the success of stages, plans and commands, ``HELD`` that of certified grasps.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> print(pg.Status.OK, pg.Status.OK.exit_code, pg.Status.OK == "ok")
+        ok 0 True
+
+    See Also:
+        :class:`~pinograsp.errors.PinograspError`, :class:`~pinograsp.planner.GraspPlan`.
     """
 
     OK = "ok"
@@ -86,6 +94,17 @@ class Status(StrEnum):
 class PinograspError(Exception):
     """Base class of every exception that this package raises on purpose. Its text has no control characters of
     terminals, because names in it may come from a stranger's file.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> try:
+        ...     pg.Sphere(radius=-0.03, mass=0.2)
+        ... except pg.PinograspError as error:
+        ...     print(type(error).__name__, "-", error)
+        InvalidInput - sphere radius: expected a finite number > 0 [m], got -0.03
+
+    See Also:
+        :class:`~pinograsp.errors.Status`.
     """
 
     def __str__(self) -> str:

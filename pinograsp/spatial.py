@@ -1,4 +1,18 @@
-"""Small pieces of rigid-body geometry that every room needs (numpy only)."""
+"""Small pieces of rigid-body geometry that every room needs (numpy only).
+
+Example:
+    >>> import numpy as np
+    >>> import pinograsp as pg
+    >>> pose = pg.spatial.pose_of([0.1, 0.0, 0.0], pg.spatial.rotation_rpy(0, 0, np.pi / 2))
+    >>> print(pg.spatial.inverse_of(pose).round(3) + 0.0)
+    [[ 0.   1.   0.   0. ]
+     [-1.   0.   0.   0.1]
+     [ 0.   0.   1.   0. ]
+     [ 0.   0.   0.   1. ]]
+
+See Also:
+    :class:`~pinograsp.hands.HandModel`, :class:`~pinograsp.objects.Box`: what is placed by such poses.
+"""
 
 from __future__ import annotations
 

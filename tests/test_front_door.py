@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import doctest
+import inspect
+import operator
 import re
 import subprocess
 import sys
@@ -55,3 +58,35 @@ def test_every_room_is_there():
 def test_a_slip_of_the_pen_is_told(slip, meant):
     with pytest.raises(AttributeError, match=f"'{slip}': did you mean '{meant}'"):
         getattr(pg, slip)
+
+
+def test_the_reference_lists_every_name():
+    page = (ROOT / "docs" / "reference" / "names.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^   ~(pinograsp\.[\w.]+)$", page, re.M)
+    assert sorted(path.rpartition(".")[2] for path in listed) == pg.__all__
+    for path in listed:
+        assert operator.attrgetter(path.removeprefix("pinograsp."))(pg) is getattr(pg, path.rpartition(".")[2]), path
+
+
+SLOW = {"plan_pick"}  # searches for grasps and paths
+
+
+@pytest.mark.parametrize("name", [pytest.param(one, marks=[pytest.mark.slow] * (one in SLOW)) for one in pg.__all__])
+def test_the_example_of_a_name_prints_what_it_says(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = inspect.getdoc(getattr(pg, name))
+    example = doctest.DocTestParser().get_doctest(text, {}, name, None, None)
+    assert example.examples
+    assert "See Also:" in text
+    told: list[str] = []
+    doctest.DocTestRunner(optionflags=doctest.REPORT_NDIFF).run(example, out=told.append)
+    assert not told, "".join(told)
+
+
+def test_what_a_name_points_to_is_there():
+    for name in pg.__all__:
+        _, _, also = inspect.getdoc(getattr(pg, name)).partition("See Also:")
+        targets = re.findall(r":(?:class|func|meth|mod):`~?pinograsp\.([\w.]+)`", also)
+        assert targets, name
+        for target in targets:
+            operator.attrgetter(target)(pg)

@@ -235,6 +235,15 @@ def load_case(source: str | Path, changes: CaseChanges = _AS_IT_IS, *, texts: Se
     Raises:
         CaseRejected: unknown case, broken YAML, unknown keys or unusable values: all of them named at once; a file
             that says that its hand's file may run code.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> case = pg.load_case("paper", {"object.mass": 0.9})
+        >>> print(case.make_object().mass, case.plan().status)
+        0.9 ok
+
+    See Also:
+        :func:`~pinograsp.planner.plan_grasp`; :func:`~pinograsp.sweep.sweep` plans a case for many values.
     """
     name = source if isinstance(source, str) else str(path_of("case", source))
     path = Path(__file__).parent / f"{name}.yaml" if name in builtin_cases() else Path(name)

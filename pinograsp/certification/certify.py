@@ -132,5 +132,19 @@ def certify(
     Raises:
         InvalidInput: shapes that do not match, a hand without geometry, or conditions that cannot be used.
         ExtraMissing: the compiled core, or for objects that are not convex coacd (extra ``mesh``).
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> hand, ball = pg.load_hand("panda"), pg.Sphere(radius=0.02, mass=0.1)
+        >>> down = pg.spatial.rotation_rpy(np.pi, 0, 0)
+        >>> roots = [pg.spatial.pose_of([x, 0, 0.1034], down) for x in (0.0, 0.004, 0.03)]
+        >>> q, conditions = [[0.02], [0.0197], [0.02]], pg.GraspConditions(mu=0.6)
+        >>> found = pg.certify(hand, ball, q, conditions, roots=roots)  # the last one misses
+        >>> print(found.held, found.words(2))
+        [ True  True False] fewer than two links touch the object (the nearest is 9.2 mm off)
+
+    See Also:
+        :func:`~pinograsp.sweep.certify_files` for the files of a data set.
     """
     return Certifier(hand, body, conditions, **options)(postures, roots, commands)

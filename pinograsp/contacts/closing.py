@@ -81,6 +81,18 @@ def close_hand(
 
     Raises:
         InvalidInput: the hand overlaps the object at the start (it says where and how deep), or has no geometry.
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> hand, up = pg.load_hand("panda"), pg.spatial.pose_of([0, 0, 0.1034], np.eye(3))
+        >>> closure = pg.close_hand(hand, pg.Sphere(radius=0.02, mass=0.1).placed(up))
+        >>> print(closure.contacts().names)
+        ('left', 'right')
+
+    See Also:
+        :func:`~pinograsp.contacts.contacts_at` for contact points that are known;
+        :func:`~pinograsp.planner.plan_grasp_on`.
     """
     check_geometry(hand)
     instance_of("body", body, Body)

@@ -173,6 +173,15 @@ class MarhefkaOrin(Compliance):
         stiffness: K [N/m^rho].
         damping: lambda [N s/m^(rho+1)].
         exponent: rho [-].
+
+    Example:
+        >>> import pinograsp as pg
+        >>> law = pg.MarhefkaOrin(stiffness=5e4, exponent=1.5)
+        >>> print(f"{law.force(1e-3):.2f} N at 1 mm, {1e3 * law.depth(10.0):.2f} mm at 10 N")
+        1.58 N at 1 mm, 3.42 mm at 10 N
+
+    See Also:
+        :class:`~pinograsp.forces.ForceProblem`, whose ``compliance`` it is by default.
     """
 
     stiffness: float = 5.0e4

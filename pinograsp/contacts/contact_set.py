@@ -213,6 +213,18 @@ def contacts_at(
 
     Raises:
         InvalidInput: unknown finger or link, wrong shapes, or a point that is not on the surface.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> contacts = pg.contacts_at(None, ball, [[0.03, 0, 0], [-0.03, 0, 0]])
+        >>> print(contacts.names, contacts.rotations_oc[:, :, 2])  # normals into the object
+        ('contact 1', 'contact 2') [[-1.  0.  0.]
+         [ 1.  0.  0.]]
+
+    See Also:
+        :func:`~pinograsp.contacts.close_hand` finds contacts; :class:`~pinograsp.forces.ForceProblem` asks for their
+        forces.
     """
     instance_of("hand", hand, HandModel, type(None))
     instance_of("body", body, Body)

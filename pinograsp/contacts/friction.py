@@ -40,6 +40,15 @@ class Friction:
         edges: edges of the pyramid, even, at least 4; it is inscribed in the cone.
         torsion: largest torsional moment per newton of normal force [m]; 0: none.
         safety: friction is used up to mu / safety and torsion / safety [-].
+
+    Example:
+        >>> import pinograsp as pg
+        >>> fingertips = pg.Friction(model="soft", torsion=0.005, safety=1.2)
+        >>> print(pg.GraspConditions(mu=0.6, friction=fingertips).friction.model)
+        soft
+
+    See Also:
+        :class:`~pinograsp.forces.GraspConditions`, :class:`~pinograsp.forces.ForceProblem`.
     """
 
     model: FrictionModel = "pyramid"

@@ -38,6 +38,17 @@ class GraspConditions(ForceSettings):
         reserve: what the forces of a plan withstand besides the weight; None: nothing.
         table: whether the object stands on a table, a plane perpendicular to gravity under its lowest point; the hand
             stays above it.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> reserve = pg.Reserve(disturbance=1.0)  # a push of a whole weight
+        >>> conditions = pg.GraspConditions(mu=0.5, max_normal_force=8.0, reserve=reserve)
+        >>> print(conditions.mu, conditions.max_normal_force, conditions.reserve.disturbance)
+        0.5 8.0 1.0
+
+    See Also:
+        :class:`~pinograsp.forces.Reserve`, :class:`~pinograsp.contacts.Friction`;
+        :func:`~pinograsp.planner.plan_grasp_on` plans under them.
     """
 
     mu: float

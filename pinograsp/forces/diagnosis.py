@@ -48,6 +48,19 @@ def diagnose(problem: ForceProblem, impact_time: float) -> Diagnosis:
 
     The diagnosis states in which direction forces are missing and how many newtons, the largest load factor, the least
     friction coefficient, and which contacts and limits bind.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.01)
+        >>> found = pg.diagnose(problem, 0.9)
+        >>> print(found.status, f"mu = {found.smallest_mu[0]:.3f} would do")
+        infeasible mu = 0.013 would do
+
+    See Also:
+        :func:`~pinograsp.forces.optimize_forces`, :func:`~pinograsp.forces.grasp_margins`.
     """
     impact_time = instance_of("problem", problem, ForceProblem).checked_impact_time(impact_time)
     program = feasibility(problem, *problem.normal_force_range(impact_time))

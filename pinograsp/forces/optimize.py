@@ -52,6 +52,20 @@ def optimize_forces(
     Raises:
         InvalidInput: an impact time not below t_F, an unknown objective or solver.
         ExtraMissing: you asked for a compiled solver, and the core is not installed.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6)
+        >>> found = pg.optimize_forces(problem, 0.9)
+        >>> print(found.status, found.normal_forces.round(1), found.certificate.is_optimal())
+        ok [1.1 1.1 1.1] True
+
+    See Also:
+        :func:`~pinograsp.forces.optimize_grasp` over all impact times; :class:`~pinograsp.forces.ForceSolver` for many
+        loads.
     """
     started = perf_counter()
     instance_of("problem", problem, ForceProblem)

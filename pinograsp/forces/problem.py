@@ -88,6 +88,19 @@ class ForceProblem(ForceSettings):
             surface.
         scaled_columns: grasp map with moments divided by ``moment_length``: (rows, k, 3), columns per contact x, y, z
             [-].
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6)
+        >>> print(problem.load.round(2), problem.mu)
+        [ 0.    0.   -1.96  0.    0.    0.  ] [0.6 0.6 0.6]
+
+    See Also:
+        :func:`~pinograsp.forces.optimize_grasp`, :func:`~pinograsp.forces.optimize_forces`,
+        :func:`~pinograsp.forces.diagnose`.
     """
 
     contacts: ContactSet

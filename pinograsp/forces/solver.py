@@ -32,6 +32,22 @@ class ForceSolver:
         weights: the objective, ``{name: weight}``.
         solvers: names of the methods, in the order in which they are tried.
         prepared: everything except the load, in the core; None if the core does not support these problems.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6)
+        >>> solver = pg.ForceSolver(problem, 0.9)
+        >>> for share in (1.0, 2.0):
+        ...     print(solver.solve(share * problem.load).normal_forces.round(1))
+        [1.1 1.1 1.1]
+        [2.2 2.2 2.2]
+
+    See Also:
+        :func:`~pinograsp.forces.optimize_forces`, :class:`~pinograsp.motion.OnlineForces`,
+        :func:`~pinograsp.forces.solve_batch`.
     """
 
     def __init__(

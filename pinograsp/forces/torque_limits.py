@@ -71,6 +71,22 @@ class TorqueLimits:
         joints: names (n,).
         headroom: share of each limit that is kept free [-]: forces use |torque| <= (1 - headroom) limit.
         underactuation: what the drives cannot choose of these torques; None: nothing.
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> jacobian = np.zeros((3, 6, 1))
+        >>> jacobian[0, 0, 0] = 0.08  # one joint, which presses the first contact over 80 mm
+        >>> limits = pg.TorqueLimits(jacobian=jacobian, bias=[0.0], limit=[0.05])
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.1, torques=limits)
+        >>> print(pg.optimize_forces(problem, 0.9).status)
+        infeasible
+
+    See Also:
+        :func:`~pinograsp.motion.torque_limits` makes them for a hand.
     """
 
     jacobian: Array

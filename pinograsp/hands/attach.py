@@ -59,6 +59,17 @@ def attach(
     Raises:
         HandNotLoaded: a file is missing or broken.
         InvalidInput: the arm has no such link, both have links or joints of the same name, or the posture does not fit.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> from pinograsp.hands.catalogue import file_of
+        >>> arm = file_of("panda")
+        >>> robot = pg.attach(arm, "allegro_right", link="panda_link8", remove=["panda_hand"])
+        >>> print(len(robot.joint_names), "joints;", *(finger.name for finger in robot.fingers))
+        23 joints; index middle ring thumb
+
+    See Also:
+        :func:`~pinograsp.hands.load_hand`, :func:`~pinograsp.hands.detach`, :func:`~pinograsp.pick.plan_pick`.
     """
     link, remove = text_of("link", link), items_of("remove", remove, str)
     placement = np.eye(4) if at is None else placement_of("at", at)

@@ -107,6 +107,15 @@ def load_hand(
         HandNotLoaded: the file is missing or broken; all problems found are listed.
         ExtraMissing: the package that a name belongs to is not installed.
         InvalidInput: a name, a limit, a posture, a drive or a spring given here does not fit the hand.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> hand = pg.load_hand("panda")
+        >>> print(hand.describe().splitlines()[0])
+        hand panda: 1 joint that moves 1 more, 2 fingers on 'panda_hand', 0.760 kg (panda)
+
+    See Also:
+        :class:`~pinograsp.hands.HandModel`; :func:`~pinograsp.hands.attach` mounts a hand on an arm.
     """
     for argument, value in (("root", root), ("palm", palm)):
         instance_of(argument, value, str, type(None))

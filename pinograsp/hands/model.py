@@ -122,6 +122,15 @@ class HandModel:
         posture: fixed positions of joints that belong to no finger, such as an arm's, ``{joint: position}`` [rad or m];
             others are at 0.
         continuous: joints that turn without end; their limits, -180 and 180 deg, do not apply to the path of an arm.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> hand = pg.load_hand("allegro_right")
+        >>> print(len(hand.joint_names), "joints;", *(finger.name for finger in hand.fingers))
+        16 joints; index middle ring thumb
+
+    See Also:
+        :func:`~pinograsp.hands.load_hand` and :func:`~pinograsp.hands.attach`, which make hands.
     """
 
     name: str

@@ -72,6 +72,18 @@ class OnlineForces:
         least, largest: limits of F_n (k,) [N], which you may change between ticks.
 
     The other arrays are overwritten by the next step: copy what must stay.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> plan = pg.load_case("paper").plan()
+        >>> online = pg.OnlineForces(plan.problem, hand=plan.hand, q=plan.motion.q[-1])
+        >>> forces, torques, status = online.step(plan.problem.load)
+        >>> print(status, forces[:, 2].round(1), torques.shape)
+        ok [11.2  6.1  4.9] (20,)
+
+    See Also:
+        :class:`~pinograsp.forces.ForceSolver`; :meth:`~pinograsp.planner.GraspPlan.to_core` writes the same loop for
+        C++.
     """
 
     def __init__(

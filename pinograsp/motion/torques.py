@@ -261,6 +261,18 @@ def torque_limits(
 
     Raises:
         InvalidInput: contacts without links, or a hand without any effort limit.
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> hand, up = pg.load_hand("panda"), pg.spatial.pose_of([0, 0, 0.1034], np.eye(3))
+        >>> closure = pg.close_hand(hand, pg.Sphere(radius=0.02, mass=0.1).placed(up))
+        >>> limits = pg.torque_limits(hand, closure.contacts(), closure.q)
+        >>> print(limits.joints, limits.limit, "N")
+        ('panda_finger_joint1',) [140.] N
+
+    See Also:
+        :class:`~pinograsp.forces.TorqueLimits`, :class:`~pinograsp.forces.ForceProblem`.
     """
     model = instance_of("hand", hand, HandModel).model.copy()
     k = len(instance_of("contacts", contacts, ContactSet))

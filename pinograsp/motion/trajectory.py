@@ -59,6 +59,19 @@ class MotionSpec:
         time_step: largest step between samples [s].
         acceleration_at_start: ``"rest"`` (ddq = 0) or ``"paper"`` (ddq = -ddq at impact).
         table: the table above which closing fingers stay; None: no table.
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> hand, up = pg.load_hand("panda"), pg.spatial.pose_of([0, 0, 0.1034], np.eye(3))
+        >>> ball = pg.Sphere(radius=0.02, mass=0.1).placed(up)
+        >>> finer = pg.PlanOptions(motion=pg.MotionSpec(time_step=5e-4))
+        >>> plan = pg.plan_grasp_on(hand, ball, pg.GraspConditions(mu=0.6), finer)
+        >>> print(len(plan.motion.times))
+        2001
+
+    See Also:
+        :class:`~pinograsp.planner.PlanOptions`, which has it.
     """
 
     posture: Mapping[str, ArrayLike] | None = None

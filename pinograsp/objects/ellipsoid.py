@@ -31,6 +31,15 @@ class Ellipsoid(Primitive):
     Attributes:
         semi_axes: (3,) along the body's x, y and z [m].
         mass, density, pose, shape_b: see :class:`~pinograsp.objects.body.Primitive`.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> egg = pg.Ellipsoid(semi_axes=(0.02, 0.02, 0.03), density=1000.0)
+        >>> print(f"{1e3 * egg.mass:.1f} g")
+        50.3 g
+
+    See Also:
+        :class:`~pinograsp.objects.Sphere`, :class:`~pinograsp.objects.Capsule`.
     """
 
     semi_axes: Array

@@ -72,6 +72,18 @@ class Mesh(Body):
         com: the centre of mass (3,) in the body frame [m], if it was measured; None: that of a homogeneous solid, see
             :attr:`com_b`.
         mass, density, pose, inertia, notes, shape_pose: see :class:`~pinograsp.objects.body.Body`.
+
+    Example:
+        >>> import trimesh
+        >>> import pinograsp as pg
+        >>> _ = trimesh.creation.box((40, 60, 100)).export("block.stl")  # in millimetres
+        >>> block = pg.Mesh.load("block.stl", scale=1e-3, mass=0.2)
+        >>> print(f"{len(block.faces)} triangles, {block.density:.0f} kg/m^3")
+        12 triangles, 833 kg/m^3
+
+    See Also:
+        :class:`~pinograsp.objects.Box` and the other exact shapes; :func:`~pinograsp.objects.load_object` reads URDF,
+        SDF and MJCF files.
     """
 
     vertices: Array

@@ -28,6 +28,17 @@ class Sphere(Primitive):
     Attributes:
         radius: [m].
         mass, density, pose, shape_b: see :class:`~pinograsp.objects.body.Primitive`.
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> place = pg.spatial.pose_of([0.4, 0.0, 0.1], np.eye(3))
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2).placed(place)
+        >>> print(ball.com_o, f"{ball.density:.0f} kg/m^3")
+        [0.4 0.  0.1] 1768 kg/m^3
+
+    See Also:
+        :class:`~pinograsp.objects.Ellipsoid`, :class:`~pinograsp.objects.Mesh`.
     """
 
     radius: float
@@ -85,6 +96,16 @@ class Cylinder(Primitive):
         height: [m].
         mass, density, pose, shape_b: see :class:`~pinograsp.objects.body.Primitive`; the body
             frame is half-way up.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> can = pg.Cylinder(radius=0.03, height=0.12, mass=0.25)
+        >>> points, normals, distances = can.project([[0.05, 0.0, 0.02]])  # onto the surface
+        >>> print(points.round(3), normals.round(3), distances.round(3))
+        [[0.03 0.   0.02]] [[-1.  0.  0.]] [0.02]
+
+    See Also:
+        :class:`~pinograsp.objects.Capsule`, :class:`~pinograsp.objects.Box`, :class:`~pinograsp.objects.Mesh`.
     """
 
     radius: float
@@ -170,6 +191,15 @@ class Capsule(Primitive):
         radius: [m].
         length: of the cylindrical part, between the centres of the half-spheres [m].
         mass, density, pose, shape_b: see :class:`~pinograsp.objects.body.Primitive`.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> handle = pg.Capsule(radius=0.015, length=0.08, mass=0.1)
+        >>> print(f"{handle.density:.0f} kg/m^3, reaches {1e3 * handle.bounding_radius:.0f} mm")
+        1415 kg/m^3, reaches 55 mm
+
+    See Also:
+        :class:`~pinograsp.objects.Cylinder`, :class:`~pinograsp.objects.Ellipsoid`.
     """
 
     radius: float
@@ -234,6 +264,16 @@ class Box(Primitive):
     Attributes:
         size: full edge lengths (3,) [m].
         mass, density, pose, shape_b: see :class:`~pinograsp.objects.body.Primitive`.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> box = pg.Box(size=(0.04, 0.06, 0.1), density=500.0)
+        >>> print(f"{box.mass:.2f} kg, reaches {1e3 * box.bounding_radius:.0f} mm")
+        0.12 kg, reaches 62 mm
+
+    See Also:
+        :class:`~pinograsp.objects.Cylinder`, :class:`~pinograsp.objects.Sphere`, :class:`~pinograsp.objects.Mesh`;
+        :func:`~pinograsp.objects.object_from` makes shapes from text.
     """
 
     size: Array

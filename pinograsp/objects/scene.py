@@ -33,6 +33,16 @@ class Scene:
         obstacles: ``{name: body}``, in their places in the world.
         clearance: distance that robot and held object keep from the obstacles, and the robot from an object that it
             does not hold [m]. A hand that takes or puts down an object may come nearer to it and to its support.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> table = pg.Scene.on_table(height=0.7)
+        >>> scene = table.with_box("wall", (0.02, 0.4, 0.3), at=(0.5, 0.0, 0.85))
+        >>> print(sorted(scene.obstacles), scene.clearance, "m")
+        ['table', 'wall'] 0.01 m
+
+    See Also:
+        :func:`~pinograsp.pick.plan_pick`, :func:`~pinograsp.synthesis.find_grasps`.
     """
 
     obstacles: Mapping[str, Body] = field(default_factory=dict)

@@ -135,6 +135,15 @@ def object_from(spec: str, *, packages: Mapping[str, str | Path] | None = None) 
 
     Raises:
         InvalidInput: unknown shape or field, a field missing or given twice, or a value that cannot be used.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> can = pg.object_from("cylinder:radius=0.03,height=0.12,mass=0.25")
+        >>> print(type(can).__name__, can.radius, can.mass)
+        Cylinder 0.03 0.25
+
+    See Also:
+        :class:`~pinograsp.objects.Cylinder`, :class:`~pinograsp.objects.Mesh`, :func:`~pinograsp.objects.load_object`.
     """
     if not isinstance(spec, str):
         raise InvalidInput(f"object: expected a text such as 'sphere:radius=0.03,mass=0.2', got {shorten(spec)}")

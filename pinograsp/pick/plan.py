@@ -76,6 +76,23 @@ def plan_pick(
             tilts the object more than allowed.
         PickFailed: no grasp was found, or none is possible; the error gives the reasons.
         ExtraMissing: the extra ``arm`` is not installed.
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> from pinograsp.hands.catalogue import file_of
+        >>> bent = {"panda_joint2": -0.5, "panda_joint4": -2.0, "panda_joint6": 1.6}
+        >>> robot = pg.load_hand(file_of("panda"), posture=bent)
+        >>> place = pg.spatial.pose_of([0.5, 0.1, 0.04], np.eye(3))
+        >>> box = pg.Box(size=(0.04, 0.05, 0.08), mass=0.2).placed(place)
+        >>> scene, conditions = pg.Scene.on_table(), pg.GraspConditions(mu=0.6)
+        >>> goal = (0.5, -0.1, 0.04)
+        >>> pick = pg.plan_pick(robot, box, scene, conditions, place=goal, seed=1, jobs=1)
+        >>> print(pick.status, *(phase.name for phase in pick.phases))
+        ok reach close carry open leave
+
+    See Also:
+        :func:`~pinograsp.hands.attach`, :class:`~pinograsp.objects.Scene`, :func:`~pinograsp.pick.simulate_pick`.
     """
     clock = Stopwatch("search", "reach", "forces", "ways", "timing")
     instance_of("conditions", conditions, GraspConditions)

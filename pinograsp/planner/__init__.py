@@ -2,9 +2,10 @@
 
 from pinograsp.planner.assemble import record_failure
 from pinograsp.planner.best import plan_best
-from pinograsp.planner.grasp_plan import GraspPlan, load_run, save_run
+from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.options import PlanOptions, Search
 from pinograsp.planner.planning import plan_grasp, plan_grasp_on
+from pinograsp.planner.run_folders import load_run, save_run
 from pinograsp.planner.tolerance import find_tolerance
 
 __all__ = [

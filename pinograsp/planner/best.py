@@ -76,6 +76,19 @@ def plan_best(
     Raises:
         GraspNotFound: the search found no grasp.
         NoGrasp: no grasp could be planned; this is the failure of the best one.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> hand, ball = pg.load_hand("panda"), pg.Sphere(radius=0.02, mass=0.1)
+        >>> conditions = pg.GraspConditions(mu=0.6)
+        >>> found = pg.find_grasps(hand, ball, conditions, count=4, seed=0, jobs=1)
+        >>> plan = pg.plan_best(found, conditions)
+        >>> print(plan.status)
+        ok
+
+    See Also:
+        :func:`~pinograsp.synthesis.find_grasps`, :func:`~pinograsp.planner.plan_grasp_on`,
+        :class:`~pinograsp.planner.GraspPlan`.
     """
     instance_of("search", found, GraspSearch)
     flag("check", check)

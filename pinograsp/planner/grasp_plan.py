@@ -1,8 +1,7 @@
-"""A grasp plan with its ways out: to controllers, pictures and files; and back from files."""
+"""A grasp plan with its ways out: to controllers, pictures and files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -34,15 +33,13 @@ from pinograsp.handover.trajectory import check_model_options
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
-from pinograsp.plan import PlanFailure, PlanRecord, PoseError, Simulation
+from pinograsp.plan import PlanRecord, PoseError, Simulation
 from pinograsp.plan.tolerance import SMALL
 from pinograsp.planner.compliance import describe_band, find_band, find_gains, stiffness_of
 from pinograsp.planner.margins import find_margins, find_reach, margin_cautions
 from pinograsp.planner.tolerance import DROPS, tell_drop, tell_tolerance
 from pinograsp.reflex import GripController, GripSettings
 from pinograsp.spatial import Array
-from pinograsp.storage import read_run, write_run
-from pinograsp.writing import NewFolder
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -61,6 +58,16 @@ class GraspPlan(PlanRecord):
         solution: the force search's own record, with its problem, for further computation.
         closure: how the contacts were found; None if they were given.
         conditions: under which the object is held; None if a problem was given.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> plan = pg.load_case("paper").plan()
+        >>> print(plan.status, plan.contacts.names, plan.forces.normal_forces.round(1), "N")
+        ok ('thumb', 'index', 'middle') [11.7  6.3  5.2] N
+
+    See Also:
+        :func:`~pinograsp.planner.plan_best`, :func:`~pinograsp.planner.save_run`,
+        :func:`~pinograsp.simulation.simulate`.
     """
 
     hand: HandModel
@@ -409,46 +416,3 @@ class GraspPlan(PlanRecord):
         from pinograsp.viz.figures import save_figures
 
         return save_figures(self.with_reach(), folder)
-
-
-def save_run(
-    plan: GraspPlan | PlanFailure,
-    folder: str | Path | NewFolder,
-    *,
-    force: bool = False,
-    extras: Callable[[Path], None] | None = None,
-) -> Path:
-    """Write a plan with its margins, or the failure of a search, into ``folder``, completely or not at all; returns it.
-
-    ``extras(path)`` may add files (report, figures). ``force`` replaces an earlier run, with its checks.
-
-    Raises:
-        InvalidInput: not a plan, or one whose settings cannot be written.
-        ResultsNotWritten: the folder exists and ``force`` is off, it holds files that no run wrote, another process is
-            writing into it, or it cannot be written.
-    """
-    instance_of("plan", plan, GraspPlan, PlanFailure)
-    complete = plan.with_margins().with_reach() if isinstance(plan, GraspPlan) else plan
-    return write_run(complete, folder, force=force, extras=extras)
-
-
-def load_run(folder: str | Path) -> GraspPlan:
-    """Read a plan back, with its hand and its object.
-
-    Raises:
-        InvalidInput: the folder holds no plan, one that is damaged, of another schema or without its hand, or the
-            failure of a search (:func:`pinograsp.storage.read_run` reads those).
-        HandNotLoaded: mesh files of the hand that are missing.
-    """
-    record = read_run(folder, kind=GraspPlan)
-    if isinstance(record, PlanFailure):
-        raise InvalidInput(
-            f"'{folder}' holds no plan, because its search found none ({record.status}): pinograsp report says why"
-        )
-    plan = instance_of("plan", record, GraspPlan)
-    plan.require_hand()
-    if plan.contacts.names != plan.problem.contacts.names or not np.array_equal(
-        plan.forces.forces_c, plan.solution.forces_c
-    ):
-        raise InvalidInput(f"'{folder}' holds no readable run: expected the contact forces of its solution, got others")
-    return plan if plan.body is not None else replace(plan, closure=None)  # an object of a class that no file knows

@@ -25,6 +25,19 @@ class PlanOptions:
         objective: for the convex search, a name or ``{name: weight}``, with a reserve ``"impulse"``, ``"work"``,
             ``"peak"`` or weights of these; None: the problem's measure.
         motion: postures and sampling; None: from the open hand to the contact posture, if the hand was closed.
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> hand, up = pg.load_hand("panda"), pg.spatial.pose_of([0, 0, 0.1034], np.eye(3))
+        >>> ball = pg.Sphere(radius=0.02, mass=0.1).placed(up)
+        >>> options = pg.PlanOptions(objective="peak")  # the largest normal force
+        >>> plan = pg.plan_grasp_on(hand, ball, pg.GraspConditions(mu=0.6), options)
+        >>> print(plan.status)
+        ok
+
+    See Also:
+        :func:`~pinograsp.planner.plan_grasp_on`, :class:`~pinograsp.motion.MotionSpec`.
     """
 
     search: Search = "convex"

@@ -59,6 +59,18 @@ def plan_grasp(
         SearchInterrupted: stopped (Ctrl-C) before any forces were found.
         InvalidInput: an objective or torque limit without the convex search.
         ContactNotReached: a finger cannot reach its contact points.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> case = pg.load_case("paper")
+        >>> hand = case.load_hand()
+        >>> problem = case.make_problem(hand)  # contacts, load, friction
+        >>> plan = pg.plan_grasp(hand, problem)
+        >>> print(plan.status, plan.forces.normal_forces.round(1), "N")
+        ok [11.2  6.1  4.9] N
+
+    See Also:
+        :func:`~pinograsp.planner.plan_grasp_on` finds the contacts by closing the hand.
     """
     instance_of("hand", hand, HandModel)
     instance_of("problem", problem, ForceProblem)
@@ -92,6 +104,19 @@ def plan_grasp_on(
 
     Raises:
         InvalidInput: another hand than the closure's, or a hand that touches nothing. Others as for :func:`plan_grasp`.
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> hand, up = pg.load_hand("panda"), pg.spatial.pose_of([0, 0, 0.1034], np.eye(3))
+        >>> ball = pg.Sphere(radius=0.02, mass=0.1).placed(up)  # between the open jaws
+        >>> plan = pg.plan_grasp_on(hand, ball, pg.GraspConditions(mu=0.6))
+        >>> print(plan.status, plan.forces.normal_forces.round(1), "N")
+        ok [1.9 1.9] N
+
+    See Also:
+        :func:`~pinograsp.planner.plan_grasp` for given contacts; :func:`~pinograsp.planner.plan_best` for grasps that
+        are searched.
     """
     instance_of("hand", hand, HandModel)
     instance_of("body", body, Body, Closure)

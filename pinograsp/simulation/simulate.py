@@ -64,6 +64,19 @@ def simulate(
     Raises:
         InvalidInput: a plan without contacts of a hand, or unusable settings.
         SimulationDiverged: velocities beyond reason: use a smaller time step or softer servos.
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> hand, up = pg.load_hand("panda"), pg.spatial.pose_of([0, 0, 0.1034], np.eye(3))
+        >>> ball = pg.Sphere(radius=0.02, mass=0.1).placed(up)
+        >>> plan = pg.plan_grasp_on(hand, ball, pg.GraspConditions(mu=0.6))
+        >>> seen = pg.simulate(plan, hold=0.05, time_step=1e-3)
+        >>> print(seen.verdict.held)
+        True
+
+    See Also:
+        :class:`~pinograsp.simulation.Disturbance`, :func:`~pinograsp.simulation.monte_carlo`.
     """
     task = Task.of(plan, body)
     disturbance = Disturbance() if disturbance is None else disturbance

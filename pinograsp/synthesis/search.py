@@ -206,6 +206,17 @@ def find_grasps(
     Raises:
         InvalidInput: conditions, wishes or options that cannot be used.
         PinograspError: a process was lost, or the object's own code failed.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> hand, ball = pg.load_hand("panda"), pg.Sphere(radius=0.02, mass=0.1)
+        >>> conditions = pg.GraspConditions(mu=0.6)
+        >>> found = pg.find_grasps(hand, ball, conditions, count=4, seed=0, jobs=1)
+        >>> print(found.grasps[0].closure.contacts().names)
+        ('left', 'right')
+
+    See Also:
+        :class:`~pinograsp.synthesis.Wishes`; :func:`~pinograsp.planner.plan_best` plans what was found.
     """
     _check(hand, body, conditions, impact_time)
     check_geometry(hand)

@@ -85,6 +85,17 @@ class Wishes:
         edges: False: no contact on an edge of the object.
         palm: True: the palm touches, too; False: it does not.
         opening: how far the object may be displaced before the open hand is in its way [m].
+
+    Example:
+        >>> import pinograsp as pg
+        >>> hand, ball = pg.load_hand("panda"), pg.Sphere(radius=0.02, mass=0.1)
+        >>> wishes, conditions = pg.Wishes(approach="above"), pg.GraspConditions(mu=0.6)
+        >>> found = pg.find_grasps(hand, ball, conditions, wishes=wishes, count=4, seed=0, jobs=1)
+        >>> print(len(found.grasps) > 0)
+        True
+
+    See Also:
+        :func:`~pinograsp.synthesis.find_grasps`, :func:`~pinograsp.pick.plan_pick`.
     """
 
     fingers: Sequence[str] | None = None

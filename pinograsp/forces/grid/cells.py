@@ -42,6 +42,20 @@ class GridSpec:
         multipliers: k1 and k2 (nk,) in [-1, 1], increasing.
         residual_limit: largest norm of the residual that counts as balance on the grid [N] (moments over the moment
             length).
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6, friction=pg.Friction())
+        >>> grid = pg.GridSpec(impact_times=[0.9], accelerations=np.arange(0.5, 1.5, 0.01))
+        >>> print(pg.grid_search(problem, grid).status)
+        ok
+
+    See Also:
+        :func:`~pinograsp.forces.grid_search`.
     """
 
     impact_times: Array = field(default_factory=lambda: grid_values(0.80, 0.95, 0.05))

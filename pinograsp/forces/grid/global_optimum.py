@@ -57,6 +57,20 @@ def optimize_grasp(
 
     Raises:
         InvalidInput: unknown objective or solver, or a gap below 1e-9.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6)
+        >>> best = pg.optimize_grasp(problem)
+        >>> print(best.status, best.normal_forces.round(1), f"t_I = {best.impact_time:.2f} s")
+        ok [1.1 1.1 1.1] t_I = 0.95 s
+
+    See Also:
+        :func:`~pinograsp.forces.optimize_forces` at one impact time; :func:`~pinograsp.forces.grid_search`, the paper's
+        method.
     """
     started = time.perf_counter()
     instance_of("problem", problem, ForceProblem)

@@ -49,6 +49,19 @@ def grid_search(
 
     Raises:
         InvalidInput: an unknown search, method or solver.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6, friction=pg.Friction())
+        >>> found = pg.grid_search(problem)
+        >>> print(found.status, found.normal_forces.round(2))
+        ok [1.55 1.55 1.55]
+
+    See Also:
+        :class:`~pinograsp.forces.GridSpec`; :func:`~pinograsp.forces.optimize_grasp` needs no grid.
     """
     instance_of("problem", problem, ForceProblem)
     instance_of("grid", grid, GridSpec, type(None))

@@ -20,6 +20,20 @@ class LoadSet:
     Attributes:
         loads: external wrenches (s, 6), linear first, about the centre of mass, world axes [N, N m].
         ball: largest size of an additional wrench in any direction [N; moments over the problem's moment length].
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6)
+        >>> push = [0.1, 0.1, 0.1, 0, 0, 0]  # [N, N m]
+        >>> loads = pg.LoadSet.around(problem.load, mass_range=(0.9, 1.2), box=push)
+        >>> print(loads.loads.shape)
+        (16, 6)
+
+    See Also:
+        :func:`~pinograsp.forces.optimize_robust`, :class:`~pinograsp.forces.Reserve`.
     """
 
     loads: Array

@@ -86,6 +86,20 @@ def grasp_margins(solution: ForceSolution, *, tolerance: float = 1e-6, reaction:
 
     Raises:
         InvalidInput: a solution without forces, or another reaction.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> friction = pg.Friction(model="cone", safety=1.5)
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6, friction=friction)
+        >>> margins = pg.grasp_margins(pg.optimize_forces(problem, 0.9))
+        >>> print(f"holds {margins.load_factor:.2f} times the load")
+        holds 1.50 times the load
+
+    See Also:
+        :func:`~pinograsp.forces.diagnose`, :func:`~pinograsp.forces.force_closure`.
     """
     instance_of("solution", solution, ForceSolution)
     tolerance = number("tolerance", tolerance, above=0)

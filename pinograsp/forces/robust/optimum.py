@@ -64,6 +64,21 @@ def optimize_robust(
 
     Raises:
         InvalidInput: other objectives, crossed ranges, or a ball of disturbances with soft fingers.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6)
+        >>> push = [0.1, 0.1, 0.1, 0, 0, 0]  # [N, N m]
+        >>> loads = pg.LoadSet.around(problem.load, mass_range=(0.9, 1.2), box=push)
+        >>> squeeze = pg.optimize_robust(problem, loads, 0.9, mu_range=(0.5, 0.7))
+        >>> print(squeeze.status, squeeze.normal_forces.round(1))
+        ok [1.6 1.6 1.6]
+
+    See Also:
+        :class:`~pinograsp.forces.LoadSet`, :func:`~pinograsp.forces.optimize_forces`.
     """
     started = time.perf_counter()
     instance_of("problem", problem, ForceProblem)

@@ -44,6 +44,20 @@ class Reserve:
             ``"sheet"``: each drive's own share, from the interval of its ``effort_step``, 0.3 if none is known
             (:func:`~pinograsp.hands.efforts.effort_shares`).
         tasks: what is done with the object: additional loads that the squeeze withstands, each without the disturbance.
+
+    Example:
+        >>> import numpy as np
+        >>> import pinograsp as pg
+        >>> hand, up = pg.load_hand("panda"), pg.spatial.pose_of([0, 0, 0.1034], np.eye(3))
+        >>> ball = pg.Sphere(radius=0.02, mass=0.1).placed(up)
+        >>> for reserve in (pg.Reserve(), pg.Reserve(disturbance=1.0)):
+        ...     plan = pg.plan_grasp_on(hand, ball, pg.GraspConditions(mu=0.6, reserve=reserve))
+        ...     print(f"{plan.forces.normal_forces.sum():.1f} N")
+        3.7 N
+        5.0 N
+
+    See Also:
+        :class:`~pinograsp.forces.Task`, :class:`~pinograsp.forces.GraspConditions`.
     """
 
     disturbance: float = 0.5

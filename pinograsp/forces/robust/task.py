@@ -37,6 +37,16 @@ class Task:
         direction: axis or direction in the object's own frame, a unit vector; zeros: any direction.
         at: point at which a force acts, in the object's own frame [m]; None: the centre of mass.
         wrenches: for ``"loads"``: wrenches about the centre of mass, linear first, world axes [N, N m].
+
+    Example:
+        >>> import pinograsp as pg
+        >>> tasks = (pg.Task.screw(torque=0.02), pg.Task.shake(acceleration=2.0))
+        >>> conditions = pg.GraspConditions(mu=0.6, reserve=pg.Reserve(tasks=tasks))
+        >>> print(*(f"{task.name} {task.size}" for task in conditions.reserve.tasks), sep=", ")
+        screw 0.02, shake 2.0
+
+    See Also:
+        :class:`~pinograsp.forces.Reserve`, which has the tasks.
     """
 
     name: TaskName

@@ -49,6 +49,20 @@ def force_closure(
         mu: friction coefficient, a number or (k,) [-].
         friction: the friction model; None: as :class:`ForceProblem` chooses it.
         balance: ``"wrench"`` or ``"force"``.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> three = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> two = [[0.03, 0, 0], [-0.03, 0, 0]]  # no moment about the line between them
+        >>> for points in (three, two):
+        ...     contacts = pg.contacts_at(None, ball, points)
+        ...     print(pg.force_closure(contacts, 0.6, friction=pg.Friction(model="cone")).closed)
+        True
+        False
+
+    See Also:
+        :func:`~pinograsp.forces.grasp_margins`; :mod:`pinograsp.contacts.quality` has measures of quality.
     """
     problem = ForceProblem(
         contacts=contacts,

@@ -64,6 +64,20 @@ class ForceBatch:
             of the contacts.
         energies: grasp energies as powers of F_n, ``{"work" or "impulse": (N, t, 2)}``, pairs of coefficient and
             exponent (:func:`~pinograsp.contacts.energy_terms`); (t, 2) applies to all problems.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6)
+        >>> batch = pg.ForceBatch.of([problem, problem.with_load(2 * problem.load)], 0.9)
+        >>> print(batch.loads.round(2))
+        [[ 0.    0.   -1.96  0.    0.    0.  ]
+         [ 0.    0.   -3.92  0.    0.    0.  ]]
+
+    See Also:
+        :func:`~pinograsp.forces.solve_batch`.
     """
 
     points: Array
@@ -291,6 +305,20 @@ def solve_batch(
     Raises:
         InvalidInput: an objective that is unknown or has no energies.
         ExtraMissing: the compiled core is not installed.
+
+    Example:
+        >>> import pinograsp as pg
+        >>> ball = pg.Sphere(radius=0.03, mass=0.2)
+        >>> points = [[0.03, 0, 0], [-0.015, 0.026, 0], [-0.015, -0.026, 0]]
+        >>> contacts = pg.contacts_at(None, ball, points)
+        >>> problem = pg.ForceProblem.holding(ball, contacts, mu=0.6)
+        >>> batch = pg.ForceBatch.of([problem, problem.with_load(2 * problem.load)], 0.9)
+        >>> print(pg.solve_batch(batch).forces_c[:, :, 2].round(1))
+        [[1.1 1.1 1.1]
+         [2.2 2.2 2.2]]
+
+    See Also:
+        :class:`~pinograsp.forces.ForceBatch`, :class:`~pinograsp.forces.ForceSolver`.
     """
     started = time.perf_counter()
     instance_of("batch (see ForceBatch.of)", batch, ForceBatch)
