@@ -44,12 +44,12 @@ def optimize_grasp(
 
     Args:
         problem: contacts, load, friction, limits; any deceleration shape.
-        objective, solver: as for :func:`~pinograsp.forces.optimize.optimize_forces`.
+        objective, solver: as for :func:`~pinograsp.forces.optimize_forces`.
         gap: relative gap at which the search ends [-].
         progress: progress bar on stderr: None (long searches on a terminal), True or False.
 
     Returns:
-        The optimum: its ``certificate.lower_bound`` bounds *every* impact time, so ``certificate.relative_gap`` is
+        The optimum. Its ``certificate.lower_bound`` bounds *every* impact time, so ``certificate.relative_gap`` is
         the global gap; ``branches`` is the log. ``INFEASIBLE``: every interval is proven infeasible, ``infeasibility``
         is the proof of the one that came closest. ``INACCURATE``: some interval was not decided, or the gap not
         reached, within 2000 intervals or 30 undecided ones. ``INTERRUPTED`` (Ctrl-C): the best so far, with the bound
