@@ -1,4 +1,4 @@
-"""Grasp plans in folders: written whole, and read back with hand and object."""
+"""Grasp plans in folders: written completely, and read back with hand and object."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def save_run(
     force: bool = False,
     extras: Callable[[Path], None] | None = None,
 ) -> Path:
-    """Write a plan with its margins, or the failure of one, into ``folder``, whole or not at all; returns it.
+    """Write a plan with its margins, or the failure of a search, into ``folder``, completely or not at all; returns it.
 
     ``extras(path)`` may add files (report, figures). ``force`` replaces an earlier run, with its checks.
 
     Raises:
-        InvalidInput: not a plan, or one whose settings cannot be written down.
+        InvalidInput: not a plan, or one whose settings cannot be written.
         ResultsNotWritten: the folder exists and ``force`` is off, it holds files that no run wrote, another process is
-            writing it, or the place cannot be written.
+            writing into it, or it cannot be written.
 
     Example:
         >>> import pinograsp as pg
@@ -65,7 +65,7 @@ def load_run(folder: str | Path) -> GraspPlan:
     record = read_run(folder, kind=GraspPlan)
     if isinstance(record, PlanFailure):
         raise InvalidInput(
-            f"'{folder}' holds no plan, its search found none ({record.status}): pinograsp report tells why"
+            f"'{folder}' holds no plan, because its search found none ({record.status}): pinograsp report says why"
         )
     plan = instance_of("plan", record, GraspPlan)
     plan.require_hand()
