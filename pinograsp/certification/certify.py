@@ -119,14 +119,14 @@ def certify(
             - ``palm``: whether the palm's contact counts (True).
             - ``patches``: contacts at up to four corners of a flat area (True); else one in its middle.
             - ``exact``: if the quick method finds no squeeze for the reserve, solve the full program, some 10 ms each
-            (True); else such grasps are ``RESERVE`` at once.
+              (True); else such grasps are ``RESERVE`` at once.
             - ``drives``: whether to reject forces that the hand's drives cannot produce together (True); ``producible``
-            has this in any case.
+              has this in any case.
             - ``protocol``: a published benchmark whose loads replace the weight and the reserve
-            (:data:`~pinograsp.certification.PROTOCOLS`), with the conditions of :meth:`Protocol.conditions
-            <pinograsp.certification.Protocol.conditions>`.
+              (:data:`~pinograsp.certification.PROTOCOLS`), with the conditions of :meth:`Protocol.conditions
+              <pinograsp.certification.Protocol.conditions>`.
             - ``commanded``: try grasps without ``commands`` with position references that produce the torques of their
-            certified forces (False).
+              certified forces (False).
             - ``threads``: of the compiled core, which finds touches and forces; one for each core by default.
 
     Raises:

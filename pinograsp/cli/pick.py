@@ -46,7 +46,7 @@ class PickOptions:
     )
     object: str = argument(f"Object to pick, such as {SPECS}.", complete=completion.objects)
     at: str = _what(f"Place of the object: {_PLACE}.", default=REQUIRED, metavar="PLACE")
-    to: str | None = _what(f"Place where to put it, likewise, {_REGION}; default: only lift it.", metavar="PLACE")
+    to: str | None = _what(f"Target place, in the same form, {_REGION}; default: only lift it.", metavar="PLACE")
     lift: float = _what("How far to lift the object straight up \\[m].", default=0.1)
     upright: float | None = _what("How far the object may tilt on the way \\[deg]; default: any tilt.")
     object_speed: float | None = _what("How fast the object may move \\[m/s]; default: as fast as the arm.")

@@ -56,8 +56,8 @@ def drive_commands(
     After t_F they are those of the plan's holding torques. By ``command``:
 
     - ``torque``: ``effort`` is e; ``q`` is the planned coordinate of the drive, a = transmission @ q.
-    - ``position``: for servos without feed-forward, kp (a_ref - a) + kd (da_ref - da): ``q`` is
-      a_ref = a + e / kp, and ``dq``, ``ddq`` are its derivatives; ``effort`` is 0, ``stiffness`` (m,) is kp.
+    - ``position``: for servos without feed-forward, kp (a_ref - a) + kd (da_ref - da): ``q`` is a_ref = a + e / kp, and
+      ``dq``, ``ddq`` are its derivatives; ``effort`` is 0, ``stiffness`` (m,) is kp.
     - ``impedance``: for kp (a_ref - a) + kd (da_ref - da) + effort: ``q`` is the plan's a, ``effort`` is e, and the
       gains go with them, as ``stiffness`` and ``damping`` (m,).
 

@@ -95,7 +95,7 @@ _SHAPES: dict[str, _Shape] = {
     ),
     "file": _Shape(
         load_object,
-        {"path": _Field(str, "a text", "of a URDF, SDF or MJCF file of one object, with its mass where none is given")},
+        {"path": _Field(str, "a text", "of a URDF, SDF or MJCF file of one object, with its mass if you give none")},
         {
             "hulls": _Field(_yes_or_no, "true or false", "(true: take the convex hull of each of its meshes)"),
             "body": _Field(str, "a text", "(of an MJCF file with several)"),

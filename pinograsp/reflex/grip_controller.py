@@ -48,18 +48,18 @@ class GripController:
     acceleration) may be given, missing or late; the controller ignores unusable values. Its law:
 
     - It commands the planned forces plus internal forces, which do not push the object; the servos' stiffness holds the
-    weight, as planned. The internal forces are those of the least-squares solution for the measured load
-    (:class:`~pinograsp.motion.OnlineForces`), with the estimated friction divided by ``margin``.
+      weight, as planned. The internal forces are those of the least-squares solution for the measured load
+      (:class:`~pinograsp.motion.OnlineForces`), with the estimated friction divided by ``margin``.
     - The estimate of friction is the planned one until a contact slips; then it is the ratio at which that contact
-    slips, also for all contacts that have not slipped. It is never less than the ratio at which a contact has held.
+      slips, also for all contacts that have not slipped. It is never less than the ratio at which a contact has held.
     - If the contacts with most of the squeeze slip, the planned squeeze jumps, with its proportions unchanged, to 1.8
-    times the commanded one, at most to the caps; it jumps again when the sensors have seen the first jump. The same
-    happens if no forces hold the load with that friction.
+      times the commanded one, at most to the caps; it jumps again when the sensors have seen the first jump. The same
+      happens if no forces hold the load with that friction.
     - Without slip the squeeze is released slowly, to no less than ``kept`` of the planned squeeze in proportion to load
-    over friction, and for at least two fifths of the planned load, because a support may let go at once. If slip or
-    load is not measured, the squeeze rises to one and a half times the planned one, and stays.
+      over friction, and for at least two fifths of the planned load, because a support may let go at once. If slip or
+      load is not measured, the squeeze rises to one and a half times the planned one, and stays.
     - It slowly corrects forces that are measured too high or too low; what it has taken off returns at once if more
-    force is needed.
+      force is needed.
     - Without any measurement for 50 ms it releases nothing (``blind``).
 
     No command exceeds the caps of F_n or the joints' torque limits; a joint at its limit also limits all others, so

@@ -90,7 +90,7 @@ def _per_finger(plan: PlanRecord, values: Array, ylabel: str) -> Figure:
     """Values (m, n) over time, one panel for each moving finger."""
     fingers = _find_moving(plan)
     if not fingers:
-        raise InvalidInput("figure: expected a plan in which joints move, got one in which none moves")
+        raise InvalidInput("figure: expected a plan with moving joints, got one without any")
     columns = min(3, len(fingers))
     rows = -(-len(fingers) // columns)
     figure = NotebookFigure(figsize=(4.2 * columns, 3.6 * rows), layout=PanelLayout())

@@ -87,5 +87,5 @@ FORMAT = Format(
     keys=_TAKEN,
     single=True,
     convention=lambda rows: "shadow_mjcf" if rows.q.shape[1] == 22 else None,  # 16: Allegro or LEAP
-    ask="convention='allegro_mjcf' or 'leap_mjcf', which files of DexGraspBench do not tell apart",
+    ask="convention='allegro_mjcf' or 'leap_mjcf', which files of DexGraspBench do not distinguish",
 )
