@@ -194,7 +194,7 @@ class _Closing:
             if steps > _MOST_STEPS:
                 raise InvalidInput(
                     f"hand '{self.hand.name}': closing takes more than {_MOST_STEPS} steps, for "
-                    f"'{self.parts[first].link}' stays close to the object for a long way, or reaches very far: move "
+                    f"'{self.parts[first].link}' stays close to the object for too long, or reaches very far: move "
                     "the object a little, or check the sizes of the hand"
                 )
             moving = self.moving

@@ -203,7 +203,7 @@ def test_where_no_constant_squeeze_bears_it_the_arm_goes_slower_or_says_so(arm, 
     least = plan_carry(arm, held, WAYPOINTS, **free)
     constant = plan_carry(arm, held, WAYPOINTS, squeeze="constant", **free)
     assert constant.duration > 1.05 * least.duration
-    proven = "no constant squeeze withstands the whole way at this speed, proven"
+    proven = "no constant squeeze withstands the whole path at this speed, proven"
     with pytest.raises(CarryInfeasible, match=proven) as told:
         plan_carry(arm, held, trajectory_of(least, 0.995), timing="given", squeeze="constant", **free)
     assert told.value.factor == pytest.approx(least.duration / constant.duration, rel=0.05)

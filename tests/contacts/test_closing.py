@@ -484,7 +484,7 @@ def test_closing_comes_to_an_end(tmp_path, monkeypatch):
     floor = trimesh.creation.box((0.4, 0.1, 0.02)).apply_translation((0, 0, 0.11))
     slot = trimesh.boolean.union([*walls, floor]).apply_translation((0, 0, -0.089999))
     slotted = Mesh(vertices=slot.vertices, faces=slot.faces, mass=0.1)
-    with pytest.raises(InvalidInput, match="more than 500 steps, for 'jaw' is close to the object for long"):
+    with pytest.raises(InvalidInput, match="more than 500 steps, for 'jaw' stays close to the object for too long"):
         close_hand(hand, slotted, start=[-0.05], target=[0.1])
 
 

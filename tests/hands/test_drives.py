@@ -298,7 +298,7 @@ def test_a_file_without_motors_gets_one_at_each_joint(tmp_path):
     hand = urdf(tmp_path, fingers())
     assert told(hand) == [(name, (name,), (1.0,), "torque", 4.0 if "1" in name else 3.0) for name in hand.joint_names]
     assert hand.direct_drive and np.array_equal(hand.transmission, np.eye(4))
-    assert hand.notes == ("drives: no motors are named, assumed is one torque motor at each joint",)
+    assert hand.notes == ("drives: no motors are named; one torque motor at each joint is assumed",)
 
 
 def test_gazebos_springs(tmp_path):
@@ -451,7 +451,7 @@ def test_drives_given_by_the_caller_replace_the_files(tmp_path):
 def test_drives_stronger_than_their_joints_are_noted(tmp_path):
     strong = Drive(name="strong", joints=("l1", "r2"), arms=(2.0, -1.0), limit=2.5)
     notes = urdf(tmp_path, fingers(), drives=[strong]).notes
-    assert "drives: motors can do 5 N m at l1, more than its effort limit of 4 N m, which plans keep" in notes
+    assert "drives: motors can produce 5 N m at l1, more than its effort limit of 4 N m, which plans respect" in notes
     assert not any("at r2" in note for note in notes)
 
 

@@ -960,7 +960,7 @@ def test_joints_without_a_way_to_go_are_fixed_where_they_are(tmp_path):
     locked = text[:start] + text[start:].replace('lower="-1" upper="1"', 'lower="0.4" upper="0.4"', 1)
     hand = load_hand(write(tmp_path, locked, "locked.urdf"))
     assert hand.joint_names == tuple(name for name in free.joint_names if name != "j3")
-    assert "joints without a way to go are fixed: j3" in hand.notes
+    assert "joints without travel are fixed: j3" in hand.notes
     q = free.configuration({})
     q[free.joint_names.index("j3")] = 0.4
     expected = free.frame_placements(q, ["tip"])
@@ -1144,7 +1144,8 @@ def test_a_box_that_a_hand_stands_in_is_noted_with_the_root_that_leaves_it_out(t
 def test_an_arm_before_the_palm_is_noted_with_the_root_to_give(tmp_path):
     limbs = ["shoulder", "upper", "elbow", "forearm", "wrist"]
     arm = load_hand(write(tmp_path, on_a_robot(*limbs)), root="left_shoulder")
-    assert "root: 4 joints come before the palm 'left_palm', an arm's: root='left_palm' is the hand alone" in arm.notes
+    note = "root: 4 joints, those of an arm, come before the palm 'left_palm': root='left_palm' loads the hand alone"
+    assert note in arm.notes
 
 
 def test_the_root_to_give_has_the_joints_that_fingers_follow(tmp_path):

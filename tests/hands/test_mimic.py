@@ -248,7 +248,7 @@ def test_what_follows_not_at_all_is_fixed_at_its_offset(tmp_path):
     followers = [limb("b", "a_link", mimic="a 0 0.3"), limb("c", "b_link", mimic="b 2 0.1")]
     hand, _ = hand_of(tmp_path, limb("a", "base"), *followers)
     free, _ = hand_of(tmp_path, limb("a", "base"), limb("b", "a_link"), limb("c", "b_link"))
-    assert hand.joint_names == ("a",) and "joints without a way to go are fixed: b, c" in hand.notes
+    assert hand.joint_names == ("a",) and "joints without travel are fixed: b, c" in hand.notes
     q = dict(zip(free.joint_names, np.zeros(3))) | {"a": 0.2, "b": 0.3, "c": 0.7}
     expected = free.frame_placements(np.array([q[name] for name in free.joint_names]), ["c_link"])
     assert hand.frame_placements(np.array([0.2]), ["c_link"]) == pytest.approx(expected, abs=1e-12)

@@ -643,7 +643,7 @@ def test_underactuated_tendons_springs_and_totals_are_noted(tmp_path):
         )
     )
     notes = "\n".join(hand.notes)
-    assert "effort limits are without actuators that pull several joints at once: pull (a, b)" in notes
+    assert "effort limits do not include actuators that pull several joints at once: pull (a, b)" in notes
     assert hand.effort.tolist() == [0, 0]
     assert "springs: torques are without those at a" in notes
     assert hand.mass == pytest.approx(3) and "settotalmass" in notes
@@ -899,7 +899,7 @@ def test_a_spring_decides_where_the_bars_leave_a_choice(tmp_path):
         'springref="-90"/><geom type="capsule" fromto="0 0 0 0 0 0.02" size="0.003"/></body>'
     )
     hand = four_bars(tmp_path, "0.02 0 0", more=knee, end="knee")
-    assert hand.joint_names == ("motor",) and "joints without a way to go are fixed: knee" in hand.notes
+    assert hand.joint_names == ("motor",) and "joints without travel are fixed: knee" in hand.notes
     assert hand.couplings["upright"].factor == pytest.approx(-1.0, abs=1e-3)
 
 

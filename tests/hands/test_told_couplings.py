@@ -98,7 +98,7 @@ def test_what_cannot_be_or_contradicts_is_told(tmp_path, extra, mimic, follows):
     hand = load(tmp_path, extra, mimic)
     coupling = hand.couplings.get("right_slide")
     assert (coupling and coupling.factor) == follows
-    assert any("right_slide is told to follow" in note for note in hand.notes)
+    assert any("right_slide is declared to follow" in note for note in hand.notes)
 
 
 def test_a_plugin_of_another_layout_is_told(tmp_path):

@@ -50,7 +50,7 @@ def test_but_not_four_times_as_hard(chuck):
     with pytest.raises(GraspInfeasible, match="that this hand can produce.*drive 'chuck', which moves several joints"):
         plan_of(shared(chuck, 1.0, 1.0, 4.0))
     (told,) = about_motors(plan_of(shared(chuck, 1.0, 1.0, 4.0, exact=False)))
-    assert told.startswith("the 3 joints have 1 motors between them, which cannot make these torques: slide")
+    assert told.startswith("the 3 joints have 1 motors between them, which cannot produce these torques: slide")
 
 
 @pytest.mark.slow
