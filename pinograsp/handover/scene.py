@@ -94,7 +94,8 @@ def write_scene(
         hold: how long the controls continue after the motion [s].
         sampling: rate, start, lead, blend, as for :func:`joint_trajectory`.
 
-    Returns: The trajectory of the drives. Notes say what the scene leaves out, whether the time step is shorter, and
+    Returns:
+        The trajectory of the drives. Notes say what the scene leaves out, whether the time step is shorter, and
         whether the object does not stay in the hand: the function simulates the scene first, with 0.5 s of the hold.
 
     Raises:

@@ -264,7 +264,8 @@ class JointTrajectory(JointSamples):
             feed_forward: False: actuators produce only the effort of their own gains and an error, for a hand that
                 moves without the object; feed-forward for the contact forces would displace it.
 
-        Returns: The trajectory; its notes name joints that nothing moves, controls that leave their range or act late,
+        Returns:
+            The trajectory; its notes name joints that nothing moves, controls that leave their range or act late,
             how much the model's actuators miss the efforts, and couplings of the model that differ.
 
         Raises:
