@@ -142,7 +142,7 @@ def certify(
         >>> q, conditions = [[0.02], [0.0197], [0.02]], pg.GraspConditions(mu=0.6)
         >>> found = pg.certify(hand, ball, q, conditions, roots=roots)  # the last one misses
         >>> print(found.held, found.words(2))
-        [ True  True False] fewer than two links touch the object (the nearest is 9.2 mm off)
+        [ True  True False] fewer than two links touch the object (the nearest is 9.2 mm away)
 
     See Also:
         :func:`~pinograsp.sweep.certify_files` for the files of a data set.
