@@ -19,6 +19,8 @@ _MOST_PAIRS = 1_000_000  # of a point and a box or triangle held at once; beyond
 _OPPOSITE = -np.sqrt(0.5)
 # Height over longest edge below which a triangle's normal is rounding.
 _NEEDLE = 1e-10
+_LONGEST = 0.4  # edge of the pieces that a curvature is fitted to, of the fit's radius
+_SINGULAR = 1e-12  # least eigenvalue of a fit's normal equations, of the largest
 _EDGES = ((0, 1), (1, 2), (2, 0))
 _TINY = np.finfo(float).tiny  # divides what is zero anyway
 
@@ -229,16 +231,20 @@ class TriangleSurface:
         owner: IntArray = np.repeat(np.arange(len(near)), [len(own) for own in near])
         corners = self.corners[np.concatenate([np.zeros(0, dtype=int), *near])]
         cut, owner = _pieces((corners - surface[owner, None]) / radius, owner)
+        area = np.linalg.norm(cross(cut[:, 1] - cut[:, 0], cut[:, 2] - cut[:, 0]), axis=1)
+        # The rule of the three middles of the edges is exact for quadratics.
+        middles = 0.5 * (cut + np.roll(cut, -1, axis=1))
+        weights = area[:, None] * np.maximum(1 - (middles**2).sum(axis=2), 0.0) ** 2
         for i, (normal, across) in enumerate(zip(outward, tangents(outward))):
-            pieces = cut[owner == i]
-            middle = pieces.mean(axis=1)
-            area = np.linalg.norm(cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1)
-            root = np.sqrt(area) * np.maximum(1 - (middle**2).sum(axis=1), 0.0)  # of area times (1 - r^2)^2
-            (x, y), z = (middle @ across).T, middle @ normal
+            points, weight = middles[owner == i].reshape(-1, 3), weights[owner == i].ravel()
+            (x, y), z = (points @ across).T, points @ normal
             terms = np.column_stack([np.ones_like(x), x, y, x**2 / 2, x * y, y**2 / 2])
-            (_, b, c, l, m, n), _, rank, _ = np.linalg.lstsq(root[:, None] * terms, root * z, rcond=None)
-            if rank < 6:
+            weighted = weight[:, None] * terms
+            gram = weighted.T @ terms
+            size = np.linalg.eigvalsh(gram)
+            if not size[0] > _SINGULAR * size[-1]:
                 continue
+            _, b, c, l, m, n = np.linalg.solve(gram, weighted.T @ z)
             lift = np.array([[1, 0], [0, 1], [b, c]])
             # An orthonormal basis of the fit's tangent plane: lift @ basis has unit, perpendicular columns.
             basis = np.linalg.inv(np.linalg.cholesky(lift.T @ lift)).T
@@ -303,7 +309,7 @@ def _feature_at(points: Array, corners: Array) -> IntArray:
 
 
 def _pieces(corners: Array, owner: IntArray) -> tuple[Array, IntArray]:
-    """Triangles (p, 3, 3) cut at their longest edges until none is longer than 1/5, without those off the unit ball;
+    """Triangles (p, 3, 3) cut at their longest edges until none is too long, without those off the unit ball;
     and whose each is, of the triangles' owners (p,).
     """
     done, owners = [np.zeros((0, 3, 3))], [np.zeros(0, dtype=int)]
@@ -311,7 +317,7 @@ def _pieces(corners: Array, owner: IntArray) -> tuple[Array, IntArray]:
         inside = _squared_gap(np.zeros(3), corners.min(axis=1), corners.max(axis=1)) < 1
         corners, owner = corners[inside], owner[inside]
         sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        small = sides.max(axis=1, initial=0.0) <= 0.2
+        small = sides.max(axis=1, initial=0.0) <= _LONGEST
         done.append(corners[small])
         owners.append(owner[small])
         corners, owner, sides = corners[~small], owner[~small], sides[~small]
