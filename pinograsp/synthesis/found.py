@@ -234,7 +234,8 @@ def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve, quick: b
     rows = np.zeros((0, problem.k))
     if contacts.posture is not None:
         rows = pressing_together(closure.hand, contacts, contacts.posture).rows
-    return least_squeeze(problem, reserve, rows=rows)
+    # Of one mass there are half as many loads.
+    return least_squeeze(problem, replace(reserve, mass=0.0) if quick else reserve, rows=rows)
 
 
 def _is_plain(problem: ForceProblem) -> bool:
