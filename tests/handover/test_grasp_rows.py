@@ -57,6 +57,9 @@ def test_references_are_as_far_ahead_as_the_servos_need(plan):
     # Hard contacts stop the links where they touch.
     hard = commanded_postures(plan, rigid=True)[2]
     assert hard - touching == pytest.approx(squeezing - last[0])
+    # Twice the squeeze is twice as far ahead of the touch.
+    single, double = (commanded_postures(plan, rigid=True, squeeze=times)[2] for times in (1.0, 2.0))
+    assert double - motion.q[motion.impact] == pytest.approx(2 * (single - motion.q[motion.impact]), abs=1e-12)
     # A servo that is twice as stiff is sent half as far.
     stiffer = commanded_postures(plan, stiffness=2 * KP)[2]
     assert hand.transmission @ (stiffer - last[0]) == pytest.approx(hand.transmission @ (squeezing - last[0]) / 2)
