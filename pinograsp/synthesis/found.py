@@ -224,8 +224,8 @@ def _quality(problem: ForceProblem, reserve: Reserve | None, rough: bool) -> flo
 
 def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve, quick: bool) -> Array | None:
     """Normal forces (k,) of a squeeze that withstands the reserve; None: there is none."""
-    contacts = problem.contacts
-    if quick and _is_plain(problem):
+    contacts, plain = problem.contacts, _is_plain(problem)
+    if quick and plain:
         normal, effort = _squeeze_quickly(problem, reserve)
         if effort <= 1.0:
             return normal
@@ -234,8 +234,9 @@ def _squeeze(closure: Closure, problem: ForceProblem, reserve: Reserve, quick: b
     rows = np.zeros((0, problem.k))
     if contacts.posture is not None:
         rows = pressing_together(closure.hand, contacts, contacts.posture).rows
-    # Of one mass there are half as many loads.
-    return least_squeeze(problem, replace(reserve, mass=0.0) if quick else reserve, rows=rows)
+    # Of one mass there are half as many loads, for hands that the certification's squeeze does not know.
+    rough = quick and not plain
+    return least_squeeze(problem, replace(reserve, mass=0.0) if rough else reserve, rows=rows)
 
 
 def _is_plain(problem: ForceProblem) -> bool:
