@@ -207,5 +207,14 @@ def test_a_beaker_too_wide_for_the_jaws_is_held_by_its_wall(beaker_plan):
     plan = beaker_plan
     seen = pg.simulate(plan, hold=0.2, time_step=5e-4)
     assert seen.verdict.held
-    assert seen.verdict.force_error < 0.3
+    # The palm may touch as well; that it cannot press is told.
+    silent = {
+        link
+        for name, link in zip(plan.contacts.names, plan.contacts.links)
+        if any(text.startswith(f"{name} cannot press") for text in plan.cautions)
+    }
+    pressing = np.array([part not in silent for part in seen.parts])
+    assert pressing.sum() >= 2
+    errors = np.abs(seen.normal_forces[-1] / seen.planned_forces - 1.0)
+    assert errors[pressing].max() < 0.3
     assert seen.normal_forces[seen.times < plan.forces.impact_time - 5e-3].max() < 0.2
