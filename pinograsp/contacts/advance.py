@@ -42,7 +42,7 @@ class PreparedClosing:
     def parts_at(self, hand: HandModel) -> list[HandPart]:
         """The parts of the same hand where it is now."""
         move = pin.SE3(np.array(hand.pose)) * pin.SE3(np.array(self.pose)).inverse()
-        return [part if part.joint else part.moved(move) for part in self.parts]
+        return [part if part.joint else part.transform(move) for part in self.parts]
 
     def _compile(self, hand: HandModel, body: Body) -> Any:
         """The core's way of the same parts; those of unknown shapes it leaves to coal."""

@@ -53,7 +53,7 @@ class HandPart:
         # A mesh's convex hull; where there is none, the geometry itself.
         self.hull = solid_of(self.geometry)
 
-    def moved(self, move: pin.SE3) -> HandPart:
+    def transform(self, move: pin.SE3) -> HandPart:
         """The same part of the palm after a motion of the hand."""
         part = copy(self)
         part.placement, part.centre = move * self.placement, move.act(self.centre)

@@ -25,6 +25,7 @@ if not any(_FOLDER.glob("_core_base.*")):
         __path__.append(str(distribution("pinograsp").locate_file("pinograsp/core")))
 
 
+@functools.cache
 def is_installed() -> bool:
     """Whether the compiled core is there."""
     return importlib.util.find_spec(f"{__name__}._core_base") is not None

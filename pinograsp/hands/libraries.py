@@ -71,18 +71,18 @@ def find_in_library(name: str) -> LibraryFile:
 def _find_in_menagerie(source: str, name: str, variant: str) -> LibraryFile:
     library = _menagerie()
     if name not in library.names():
-        raise _unknown(source, name, library.names(), "menagerie")
+        raise _explain_unknown(source, name, library.names(), "menagerie")
     robot = library.get(name)
     models = [one.name for one in robot.entry_points if one.kind == "robot"]
     chosen = variant or robot.default_model
     if chosen not in robot.entry_names:
-        raise _unknown_variant(source, variant, robot.entry_names)
+        raise _explain_variant(source, variant, robot.entry_names)
     try:
         with contextlib.redirect_stdout(sys.stderr):
             path = robot.xml(chosen)
     except (library.MenagerieError, OSError) as error:
-        raise _not_fetched(source, error) from error
-    return LibraryFile(path=path, notes=_on_variants(f"menagerie:{name}", chosen, [] if variant else models))
+        raise _explain_fetch(source, error) from error
+    return LibraryFile(path=path, notes=_note_variants(f"menagerie:{name}", chosen, [] if variant else models))
 
 
 def _find_in_descriptions(source: str, name: str, variant: str) -> LibraryFile:
@@ -94,21 +94,21 @@ def _find_in_descriptions(source: str, name: str, variant: str) -> LibraryFile:
         if len(meant) > 1:
             raise HandNotLoaded(source, f"'{name}' is ambiguous: expected {meant[0]} (URDF) or {meant[1]} (MJCF)")
         if not meant:
-            raise _unknown(source, name, described, "robot_descriptions")
+            raise _explain_unknown(source, name, described, "robot_descriptions")
         full = meant[0]
     try:
         # It clones a repository when it is imported, and prints that.
         with contextlib.redirect_stdout(sys.stderr):
             module = importlib.import_module(f"robot_descriptions.{full}")
     except Exception as error:  # git's own, of a missing git, of the file system
-        raise _not_fetched(source, error) from error
+        raise _explain_fetch(source, error) from error
     kind = next((one for one in _FORMATS if hasattr(module, one)), None)
     if kind is None:
         raise HandNotLoaded(source, f"expected a URDF, xacro or MJCF file, and {full} has none")
     start = f"{kind}_"
     variants = {key.removeprefix(start).lower(): key for key in vars(module) if key.startswith(start)}
     if variant and variant not in variants:
-        raise _unknown_variant(source, variant, variants)
+        raise _explain_variant(source, variant, variants)
     path = Path(getattr(module, variants[variant] if variant else kind))
     if not os.path.isfile(path):
         raise HandNotLoaded(source, f"robot_descriptions names a file that its repository does not have: {path}")
@@ -116,7 +116,7 @@ def _find_in_descriptions(source: str, name: str, variant: str) -> LibraryFile:
         path=path,
         packages={package: Path(folder) for package, folder in getattr(module, "XACRO_PACKAGE_PATHS", {}).items()},
         xacro_args=getattr(module, "XACRO_ARGS", {}) if kind == "XACRO_PATH" else {},
-        notes=_on_variants(f"robot_descriptions:{full}", path.name, [] if variant else list(variants)),
+        notes=_note_variants(f"robot_descriptions:{full}", path.name, [] if variant else list(variants)),
     )
 
 
@@ -124,7 +124,7 @@ def _menagerie() -> Any:
     try:
         import mujoco_menagerie
     except ImportError as error:
-        raise _missing("menagerie", "mujoco_menagerie", error) from error
+        raise _explain_missing("menagerie", "mujoco_menagerie", error) from error
     return mujoco_menagerie
 
 
@@ -132,15 +132,15 @@ def _robot_descriptions() -> Any:
     try:
         import robot_descriptions
     except ImportError as error:
-        raise _missing("robot_descriptions", "robot_descriptions", error) from error
+        raise _explain_missing("robot_descriptions", "robot_descriptions", error) from error
     return robot_descriptions
 
 
-def _missing(library: str, package: str, error: ImportError) -> ExtraMissing:
+def _explain_missing(library: str, package: str, error: ImportError) -> ExtraMissing:
     return ExtraMissing(f"names that start with {library}: need {package}: pip install 'pinograsp[names]' ({error})")
 
 
-def _unknown(source: str, name: str, names: Iterable[str], library: str) -> HandNotLoaded:
+def _explain_unknown(source: str, name: str, names: Iterable[str], library: str) -> HandNotLoaded:
     """An unknown robot: those that are called alike, or else all hands."""
     if near := difflib.get_close_matches(name, names, n=3):
         return HandNotLoaded(source, f"{library} has no {shorten(name)}; did you mean {' or '.join(near)}?")
@@ -148,18 +148,18 @@ def _unknown(source: str, name: str, names: Iterable[str], library: str) -> Hand
     return HandNotLoaded(source, f"{library} has no {shorten(name)}; expected one of its robots, as its hands: {hands}")
 
 
-def _unknown_variant(source: str, variant: str, known: Iterable[str]) -> HandNotLoaded:
+def _explain_variant(source: str, variant: str, known: Iterable[str]) -> HandNotLoaded:
     expected = ", ".join(known) or "none (it has one file)"
     return HandNotLoaded(source, f"expected one of its files after the '/': {expected}; got {shorten(variant)}")
 
 
-def _not_fetched(source: str, error: Exception) -> HandNotLoaded:
+def _explain_fetch(source: str, error: Exception) -> HandNotLoaded:
     return HandNotLoaded(
         source, f"its file cannot be fetched, which needs the network the first time: {one_line(error, 500)}"
     )
 
 
-def _on_variants(name: str, chosen: str, variants: list[str]) -> tuple[str, ...]:
+def _note_variants(name: str, chosen: str, variants: list[str]) -> tuple[str, ...]:
     """A note where a robot has several files."""
     if len(variants) < 2:
         return ()

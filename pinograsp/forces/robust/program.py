@@ -18,11 +18,10 @@ from pinograsp.forces.infeasibility import prove
 from pinograsp.forces.problem import ForceProblem
 from pinograsp.forces.robust.forces import Reaction, RobustForces
 from pinograsp.forces.robust.load_set import LoadSet
-from pinograsp.forces.solve.conic import Cone, Triplets, cone_rows, solve, sparse
+from pinograsp.forces.solve.conic import Cone, Triplets, cone_rows, even_rows, solve, sparse
 from pinograsp.forces.solve.program import Program, feasibility
 from pinograsp.spatial import Array, BoolArray
 
-_HARDLY = 1e-9  # of what tangential forces balance best: less is nothing
 # Whether the rows of balance are evened, and the solver's steps short: until forces are certified.
 _ATTEMPTS = (True, False), (True, True), (False, False), (False, True)
 
@@ -70,11 +69,10 @@ class RobustProgram:
         self.k, self.e, self.s = program.k, program.d - 1, len(reacted.loads)
         self.shares, self.first = reacted.shares, self.s if reacted.first is None else reacted.first
         self.rows = len(program.b)
-        # With what tangential forces hardly balance counting as much as the rest: else the solver ends before that is
-        # balanced.
-        u, sizes, _ = np.linalg.svd(program.A.reshape(self.rows, self.k, -1)[:, :, :-1].reshape(self.rows, -1))
-        sizes = np.resize(np.append(sizes, np.zeros(self.rows)), self.rows)
-        self.evened = self.weighed = (u / np.where(sizes > _HARDLY * sizes[0], sizes, sizes[0])).T
+        # Columns of the balance: of the tangential forces (rows, k (d - 1)), and of the normal ones (rows, k).
+        columns = program.A.reshape(self.rows, self.k, -1)
+        self.across, self.along = columns[:, :, :-1].reshape(self.rows, -1), columns[:, :, -1]
+        self.evened = self.weighed = even_rows(self.across)
         self.radius = load_set.ball / program.force_scale
         self.per_load = self.k * self.e
         self.L = self.k + self.s * self.per_load
@@ -106,7 +104,8 @@ class RobustProgram:
         q[self.peak :] = self.program.peak
         P = sp.csc_matrix((self.size, self.size))
         for weighed, careful in _ATTEMPTS:
-            A, b, cones = self.constraints(weighed)
+            if not careful:
+                A, b, cones = self.constraints(weighed)
             found = solve(P, q, A, b, cones, careful=careful)
             z = np.array(found.x)
             if "Infeasible" in str(found.status):
@@ -162,9 +161,8 @@ class RobustProgram:
         rows.of_every_load(self.weighed @ p.A, s, self.shares)
         b = [((self.targets - self.react_to(p.A)) @ self.weighed.T).ravel()]
         if self.radius:
-            tangential = p.A.reshape(self.rows, k, p.d)[:, :, :-1].reshape(self.rows, -1)
             # A_t L = -1. Column order of L: (contact, component, row), so this is a Kronecker product.
-            response = np.asarray(np.kron(tangential, np.eye(self.rows)), dtype=float)
+            response = np.asarray(np.kron(self.across, np.eye(self.rows)), dtype=float)
             rows.add((response, self.L))
             b.append(-np.eye(self.rows).ravel())
         self.fixed_at = rows.height
@@ -335,13 +333,11 @@ class RobustProgram:
 
     def remove_residuals(self, u: Array, F: Array) -> Array:
         """u (s, k, d - 1) with the balance residuals removed by the least changes of the tangential forces."""
-        columns = self.program.A.reshape(self.rows, self.k, -1)
-        tangential = columns[:, :, :-1].reshape(self.rows, -1)
-        inverse, settled = np.linalg.pinv(tangential, rcond=1e-10).T, u
+        inverse, settled = np.linalg.pinv(self.across, rcond=1e-10).T, u
         # Twice where the normal forces of other loads follow the first one's tangential forces.
         for _ in range(1 if self.shares is None else 2):
             normal = self.normal(F, settled[0])
-            residual = settled.reshape(self.s, -1) @ tangential.T + normal @ columns[:, :, -1].T - self.targets
+            residual = settled.reshape(self.s, -1) @ self.across.T + normal @ self.along.T - self.targets
             settled = settled - (residual @ inverse).reshape(u.shape)
         return settled
 
@@ -349,10 +345,8 @@ class RobustProgram:
         """By how much the loads are not met (s,), relative to the largest force, by the best of some tangential forces,
         each (s, k, d - 1) and mended to balance: what is not above the tolerance is proven to be held.
         """
-        p, normal = self.program, self.normal(F, tried[0][0])
-        columns = p.A.reshape(self.rows, self.k, -1)
-        across = columns[:, :, :-1].reshape(self.rows, -1)
-        wanted = self.targets - normal @ columns[:, :, -1].T
+        p, normal, across = self.program, self.normal(F, tried[0][0]), self.across
+        wanted = self.targets - normal @ self.along.T
         # The more a contact presses, the more of what is missing it takes.
         weights = np.repeat(np.maximum(normal, 1e-9 * F.max()), self.e, axis=1)
         spread = weights[:, :, None] * across.T
@@ -443,7 +437,7 @@ class RobustProgram:
         D = p.friction.facets
         reach = self.radius * np.linalg.norm(np.einsum("fe,ker->kfr", D, response), axis=2)
         worst = float((np.einsum("ske,fe->skf", u, D) + reach - (F + self.changes)[:, :, None]).max())
-        tangential = p.A.reshape(self.rows, self.k, p.d)[:, :, :-1]
+        tangential = self.across.reshape(self.rows, self.k, self.e)
         left = np.abs(np.einsum("ake,ker->ar", tangential, response) + np.eye(self.rows)).max() * self.radius
         if len(p.R):
             across = p.R.reshape(len(p.R), self.k, p.d)

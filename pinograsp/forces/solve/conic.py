@@ -30,6 +30,7 @@ _SETTINGS = {
     "max_threads": 1,
 }
 _CAREFUL = 0.9  # of the way to the boundary; Clarabel's own 0.99 gets stuck now and then
+_HARDLY = 1e-9  # of what the rows of a balance reach best: less is nothing
 HUGE = 1e100  # squares of larger numbers are not finite
 
 Cone: TypeAlias = "clarabel.ZeroConeT | clarabel.NonnegativeConeT | clarabel.SecondOrderConeT | clarabel.PowerConeT"
@@ -45,6 +46,17 @@ def solve(
     if careful:
         explicit.max_step_fraction = _CAREFUL
     return clarabel.DefaultSolver(P, q, A, b, cones, explicit).solve()
+
+
+def even_rows(rows: Array) -> Array:
+    """Combinations (m, m) of rows (m, n) that all have size 1: the solver ends before it balances what forces reach
+    hardly, if that counts for little.
+    """
+    u, found, _ = np.linalg.svd(rows)
+    sizes = np.zeros(len(rows))
+    sizes[: len(found)] = found
+    evened: Array = (u / np.where(sizes > _HARDLY * sizes[0], sizes, sizes[0])).T
+    return evened
 
 
 def sparse(rows: Array) -> sp.csc_matrix:

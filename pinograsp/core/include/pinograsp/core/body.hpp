@@ -147,8 +147,7 @@ private:
         if (a.left < 0 && b.left < 0) {
             const Solid& piece = other_.piece(b.right);
             if (one_.whole() && off_ - reach_ - dot(seen_, piece.farthest(seen_)) > widest_) return;
-            const Separation found =
-                measure({one_.piece(a.right), other_.piece(b.right), there_}, gap.normal, widest_, deep_);
+            const Separation found = measure({one_.piece(a.right), piece, there_}, gap.normal, widest_, deep_);
             if (!(found.distance <= widest_)) return;
             gap = found;
             face();
