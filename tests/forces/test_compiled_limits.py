@@ -101,10 +101,14 @@ def test_torque_rows_and_edges_have_clarabels_optimum(compiled_alone, k, edges, 
     for problem in problems(k, 5, edges, 0.05):
         status, value = by_clarabel(problem, objective)
         found = optimize_forces(problem, T_I, objective=objective)
-        assert (found.status is Status.OK) == (status == "Solved"), (FRESH, status)
+        # Of 1,000 such problems Clarabel leaves two without an answer; HiGHS says whether these hold.
+        holds = status.endswith("Solved") or (status == "InsufficientProgress" and by_highs(problem)[1].status == 0)
+        assert (found.status is Status.OK) == holds, (FRESH, status)
         if found.status is Status.OK:
             assert found.solver in ("newton", "interior") and found.certificate.is_optimal()
-            assert found.certificate.objective == pytest.approx(value, rel=1e-5), FRESH
+            if status.endswith("Solved"):
+                close = 1e-5 if status == "Solved" else 1e-4
+                assert found.certificate.objective == pytest.approx(value, rel=close), (FRESH, status)
             torque = problem.torques.torques(np.einsum("kij,kj->ki", problem.contacts.rotations_oc, found.forces_c))
             assert np.all(np.abs(torque) <= problem.torques.usable * (1 + 1e-6) + 1e-9)
 
