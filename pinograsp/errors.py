@@ -110,6 +110,16 @@ class PinograspError(Exception):
     def __str__(self) -> str:
         return escape_controls(super().__str__(), keep="\n")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restore, (type(self), self.args, vars(self))
+
+
+def _restore(kind: type[PinograspError], args: tuple[object, ...], fields: dict[str, object]) -> PinograspError:
+    """An error from another process, whatever its class is made of."""
+    error = kind.__new__(kind, *args)
+    vars(error).update(fields)
+    return error
+
 
 class InvalidInput(PinograspError, ValueError):
     """An argument was unusable; the message says what was expected, what was given, and what to do."""

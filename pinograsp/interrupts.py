@@ -5,12 +5,8 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
-from typing import TypeVar
-
-_Result = TypeVar("_Result")
 
 
 @contextlib.contextmanager
@@ -48,30 +44,8 @@ def interrupts_kept() -> Iterator[Callable[[], None]]:
 
 
 @contextlib.contextmanager
-def parallel_results(
-    function: Callable[..., _Result], arguments: Iterable[tuple[object, ...]], jobs: int, **settings: object
-) -> Iterator[Iterator[_Result]]:
-    """The results of ``function`` for each of the ``arguments``, in ``jobs`` processes; ``settings`` are joblib's.
-
-    The processes ignore Ctrl-C, which goes to all that a terminal runs: they end with the block.
-    """
-    import multiprocessing.resource_tracker
-
-    import joblib  # slow to import
-    from joblib.externals.loky.backend import resource_tracker
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # joblib's, of work that is given up
-        for tracker in (resource_tracker, multiprocessing.resource_tracker):
-            tracker.ensure_running()  # starting these processes opens signals that are blocked
-        with _interrupts_not_inherited():
-            results = joblib.Parallel(n_jobs=jobs, **settings)(joblib.delayed(function)(*each) for each in arguments)
-        with contextlib.closing(results):
-            yield results
-
-
-@contextlib.contextmanager
-def _interrupts_not_inherited() -> Iterator[None]:
+def interrupts_not_inherited() -> Iterator[None]:
+    """Processes that are started here ignore Ctrl-C, which goes to all that a terminal runs."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

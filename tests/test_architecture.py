@@ -26,6 +26,7 @@ ROOMS = [
     "checks",
     "showing",
     "interrupts",
+    "processes",
     "pages",
     "plain",
     "writing",
@@ -109,8 +110,8 @@ OWNERS = {
     "rich": {"cli"},
     "tqdm": {"forces", "synthesis", "simulation", "viz", "sweep"},
     "filelock": {"writing"},
-    "joblib": {"interrupts", "synthesis", "simulation", "sweep"},
-    "cloudpickle": {"synthesis", "simulation"},
+    "joblib": {"processes", "simulation", "sweep"},
+    "cloudpickle": {"simulation"},
     "pyarrow": {"identification", "handover", "sweep"},
     "distributed": {"sweep"},
 }

@@ -197,8 +197,8 @@ class ObjectCase(CaseSection):
         conditions = self._conditions()
         options = PlanOptions(search=self.search, solver=self.solver, objective=self.objective)
         if self.at is None:
-            found = self._find() if found is None else found
-            plan = plan_best(found, conditions, options, progress=progress, check=self.check)
+            jobs, found = (1, self._find()) if found is None else (-1, found)
+            plan = plan_best(found, conditions, options, jobs=jobs, progress=progress, check=self.check)
         else:
             closure = self.closure()
             plan = plan_grasp_on(closure.hand, closure, conditions, options, progress=progress)

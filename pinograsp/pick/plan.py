@@ -68,7 +68,7 @@ def plan_pick(
             are at 0, or in the middle of their ranges if they hit something at 0.
         motion: settings of the arm's motion; None: the defaults of :class:`PickMotion`.
         seed: of all random numbers.
-        jobs: processes of the search.
+        jobs: processes of the search and of the plans.
         progress: of the search: bar on stderr: None (on a terminal), True or False.
 
     Raises:
@@ -133,7 +133,8 @@ def plan_pick(
                 reacher.reasons["cannot be held"] += 1
         clock.stop("reach")
         refused = list[tuple[NoGrasp, GraspTask]]()
-        plans = plan_each(_only(found, reached), conditions, progress=False, refused=refused) if reached else ()
+        some = _only(found, reached)
+        plans = plan_each(some, conditions, jobs=jobs, progress=False, refused=refused) if reached else ()
         for plan in plans:
             chosen = next(one for one in reached if one.grasp.closure is plan.closure)
             plan = _slow_closing(plan, conditions)

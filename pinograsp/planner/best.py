@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import heapq
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from pinograsp.checks import flag, instance_of
+from pinograsp.checks import flag, instance_of, processes
 from pinograsp.contacts import Closure
 from pinograsp.contacts.doubt import doubtful_share
 from pinograsp.contacts.edges import past_edges
@@ -32,8 +33,9 @@ from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.options import AS_USUAL, PlanOptions
 from pinograsp.planner.planning import GraspTask
 from pinograsp.planner.tolerance import find_drop, tell_tolerance
+from pinograsp.processes import count_processes, forked_results
 from pinograsp.synthesis import GraspSearch
-from pinograsp.synthesis.found import SOUND
+from pinograsp.synthesis.found import SOUND, FoundGrasp
 
 FAR = 0.02  # slip of a contact while it presses, relative to the object's size
 _OTHER = 0.1  # share by which a force at rest is another one than planned
@@ -47,6 +49,7 @@ def plan_best(
     conditions: GraspConditions,
     options: PlanOptions = AS_USUAL,
     *,
+    jobs: int = -1,
     progress: bool | None = None,
     check: bool = False,
 ) -> GraspPlan:
@@ -63,6 +66,8 @@ def plan_best(
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
         conditions: friction, limits, balance and the reserve.
         options: how to search, as for :func:`~pinograsp.planner.plan_grasp_on`.
+        jobs: processes, which plan the next grasps meanwhile; -1: all cores. One outside the main thread, on other
+            systems than Linux, and for grids. The result is the same.
         progress: bar on stderr: None (on a terminal), True or False.
         check: also simulate the plans, at rest and then shaken with half of what their reserve withstands; this takes
             some seconds each, more for meshes that are not convex. Lost plans come last, with a caution; held ones have
@@ -93,7 +98,10 @@ def plan_best(
     instance_of("search", found, GraspSearch)
     flag("check", check)
     refused: list[tuple[NoGrasp, GraspTask]] = []
-    for best in plan_each(found, conditions, options, progress=progress, check=check, refused=refused):
+    plans = plan_each(found, conditions, options, jobs=jobs, progress=progress, check=check, refused=refused)
+    with contextlib.closing(plans):
+        best = next(plans, None)
+    if best is not None:
         if best.status not in (Status.OK, Status.INTERRUPTED):
             best = replace(best, notes=(*best.notes, "no plan is ok: another seed, or more samples, may find one"))
             best = _check(best)[0] if check else best
@@ -107,47 +115,68 @@ def plan_each(
     conditions: GraspConditions,
     options: PlanOptions = AS_USUAL,
     *,
+    jobs: int = -1,
     progress: bool | None = None,
     check: bool = False,
     refused: list[tuple[NoGrasp, GraspTask]] | None = None,
-) -> Iterator[GraspPlan]:
+) -> Generator[GraspPlan]:
     """The plans of a search's grasps, each once, as far as they are asked for: that of :func:`plan_best` first.
 
     Without their tolerance (:meth:`GraspPlan.with_tolerance`). Arguments as of :func:`plan_best`; ``refused``: is given
     the grasps that could not be planned.
     """
+    grasps = found.grasps or (found.best,)
+    jobs = 1 if options.search != "convex" else count_processes(processes(jobs))
+    work = [
+        (i, one, conditions, options, progress if jobs == 1 else False, check, jobs > 1) for i, one in enumerate(grasps)
+    ]
+    bodies = [part for one in grasps for part in (one.closure, one.closure.hand, one.closure.object)]
     waiting: list[_Planned] = []
     tried = 0
-    for i, grasp in enumerate(found.grasps or (found.best,)):
-        closure = grasp.closure
-        task = GraspTask.of_closure(closure, conditions, options, progress=progress)
-        try:
-            plan = task.attempt()
-        except NoGrasp as error:
-            if refused is not None:
-                refused.append((error, task))
-            continue
-        faults = _MOST_FAULTS + 1
-        if plan.status is Status.OK:
-            faults = _count_faults(plan, closure) + int(grasp.crushes)
-        if check and plan.status is Status.OK:
-            plan, held = _check(plan)
-            faults += 0 if held else _MOST_FAULTS
-        one = _Planned(float(faults), i, plan, closure, whole=False)
-        if plan.status is Status.INTERRUPTED:
-            yield plan
-            continue
-        if not waiting or faults < waiting[0].faults:  # else it cannot be the better one
-            one = one.with_losses()
-            if not one.faults:
-                yield plan
+    with forked_results(_plan, work, jobs, known=(*bodies, conditions, options)) as results:
+        for grasp, one in zip(grasps, results):
+            if isinstance(one, NoGrasp):
+                if refused is not None:
+                    refused.append((one, GraspTask.of_closure(grasp.closure, conditions, options, progress=progress)))
                 continue
-        heapq.heappush(waiting, one)
-        tried += plan.status is Status.OK
-        if tried >= _TRIES or (tried > 1 and grasp.sound < SOUND):  # two of those that are not sound
+            if one.plan.status is Status.INTERRUPTED:
+                yield one.plan
+                continue
+            if not one.whole and (not waiting or one.faults < waiting[0].faults):  # else it cannot be the better one
+                one = one.with_losses()
+            if not one.faults:
+                yield one.plan
+                continue
+            heapq.heappush(waiting, one)
+            tried += one.plan.status is Status.OK
+            if tried >= _TRIES or (tried > 1 and grasp.sound < SOUND):  # two of those that are not sound
+                yield _take_best(waiting)
+        while waiting:
             yield _take_best(waiting)
-    while waiting:
-        yield _take_best(waiting)
+
+
+def _plan(
+    order: int,
+    grasp: FoundGrasp,
+    conditions: GraspConditions,
+    options: PlanOptions,
+    progress: bool | None,
+    check: bool,
+    whole: bool,
+) -> _Planned | NoGrasp:
+    """A grasp's plan with its faults, with losses if it is to be ``whole``; or why there is none."""
+    try:
+        plan = GraspTask.of_closure(grasp.closure, conditions, options, progress=progress).attempt()
+    except NoGrasp as error:
+        return error
+    faults = _MOST_FAULTS + 1
+    if plan.status is Status.OK:
+        faults = _count_faults(plan, grasp.closure) + int(grasp.crushes)
+    if check and plan.status is Status.OK:
+        plan, held = _check(plan)
+        faults += 0 if held else _MOST_FAULTS
+    one = _Planned(float(faults), order, plan, grasp.closure, whole=False)
+    return one.with_losses() if whole and plan.status is Status.OK else one
 
 
 class _Planned(NamedTuple):

@@ -15,8 +15,9 @@ from tqdm import tqdm
 
 from pinograsp.checks import brief, instance_of, integer, path_of, processes
 from pinograsp.errors import InvalidInput
-from pinograsp.interrupts import interrupts_kept, parallel_results
+from pinograsp.interrupts import interrupts_kept
 from pinograsp.plan import PlanRecord
+from pinograsp.processes import parallel_results
 from pinograsp.simulation.options import StudySettings
 from pinograsp.simulation.random_errors import TOGETHER, DrawnErrors, Errors, draw_errors, word_size
 from pinograsp.simulation.settings import Push

@@ -16,7 +16,8 @@ from tqdm import tqdm
 
 from pinograsp.checks import flag, one_of, processes
 from pinograsp.errors import ExtraMissing, InvalidInput, PinograspError
-from pinograsp.interrupts import interrupts_kept, parallel_results
+from pinograsp.interrupts import interrupts_kept
+from pinograsp.processes import parallel_results
 from pinograsp.sweep.parts import Parts
 
 Executor = Literal["joblib", "dask"]

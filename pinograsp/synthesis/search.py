@@ -193,7 +193,7 @@ def find_grasps(
         impact_time: t_I of the forces that grasps are tried with [s].
         wrap: for power grasps: the object against the open hand, mostly its palm, and the fingers wrapped round it;
             these are looked for as well where half of the samples found nothing.
-        jobs: processes (joblib); -1: all cores.
+        jobs: processes; -1: all cores. One outside the main thread, and on other systems than Linux.
         progress: bar on stderr: None (on a terminal), True or False.
 
     Returns:
@@ -241,8 +241,7 @@ def find_grasps(
     width = float(min(case.pairs.widths, default=np.inf))
     run = SearchRun(case, count, jobs, progress)
     too_large = width > opening[1]
-    # Meshes are heavy: they go to every process once, and never come back.
-    with run.on_disk(), interrupts_kept() as interrupt:
+    with interrupts_kept() as interrupt:
         try:
             for i, one in enumerate(rounds):
                 some = any(grasp.withstands for grasp in run.found)

@@ -50,6 +50,24 @@ def test_where_none_can_be_planned_the_best_ones_failure_says_why(found):
         plan_best(replace(found, grasps=()), CONDITIONS, progress=False)
 
 
+@pytest.mark.no_cover
+def test_plans_do_not_depend_on_the_number_of_processes(found):
+    """Nor does their order; what they were made of comes back as itself."""
+    weak = replace(found, grasps=(with_weak_motors(found.grasps[0]), *found.grasps[1:5]))
+    refused = [], []
+    alone, together = (
+        list(plan_each(weak, CONDITIONS, jobs=1 + i, progress=False, refused=refused[i])) for i in range(2)
+    )
+    assert len(alone) == len(together) > 1
+    assert [[str(error) for error, _ in each] for each in refused] == [[str(refused[0][0][0])]] * 2
+    for one, other in zip(alone, together):
+        assert other.closure is one.closure and other.status is one.status and other.cautions == one.cautions
+        assert np.array_equal(other.hand.pose, one.hand.pose)
+        np.testing.assert_allclose(other.motion.torques, one.motion.torques, rtol=1e-9, atol=1e-12)
+    best = plan_best(weak, CONDITIONS, jobs=2, progress=False)
+    assert best.closure is alone[0].closure and best.tolerance is not None
+
+
 def test_links_that_press_without_a_contact_are_told(found):
     """One jaw's contacts left out of the set: its link is deep in the object, and no other is."""
     plan = plan_best(found, CONDITIONS, progress=False)

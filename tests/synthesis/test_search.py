@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import secrets
 import signal
@@ -12,7 +11,6 @@ import time
 import weakref
 from dataclasses import replace
 
-import cloudpickle
 import numpy as np
 import own_hands
 import pinocchio as pin
@@ -234,34 +232,8 @@ def test_without_a_reserve_samples_are_ranked_by_what_they_withstand(allegro, ba
     assert quick.sound == whole.sound and quick.squeeze >= 0.9 * whole.squeeze
 
 
-@pytest.fixture
-def at_once(monkeypatch):
-    """Other processes take part from the second batch on, however long they take to start."""
-    monkeypatch.setattr("pinograsp.synthesis.search_run._POOL", 0.0)
-    monkeypatch.setattr("pinograsp.synthesis.search_run._PROCESS", 0.0)
-
-
-def test_processes_are_started_where_they_pay(monkeypatch):
-    started = []
-
-    def parallel(function, arguments, jobs, **settings):
-        started.append(jobs)
-        return contextlib.nullcontext(map(lambda each: function(*each), list(arguments)))
-
-    monkeypatch.setattr("pinograsp.synthesis.search_run.parallel_results", parallel)
-    panda, ball = load_hand("panda"), Sphere(radius=0.02, mass=0.1)
-    alone = find_grasps(panda, ball, count=12, seed=6, jobs=2, **SETTINGS)
-    assert not started
-    monkeypatch.setattr("pinograsp.synthesis.search_run._POOL", 0.0)
-    assert find_grasps(panda, ball, count=4, seed=6, jobs=2, **SETTINGS).tried == 4 and not started  # one batch
-    together = find_grasps(panda, ball, count=12, seed=6, jobs=2, **SETTINGS)
-    assert started == [2] and together.outcomes == alone.outcomes
-    assert [one.worth for one in together.grasps] == [one.worth for one in alone.grasps]
-
-
-@pytest.mark.slow
 @pytest.mark.no_cover
-def test_the_result_depends_on_the_seed_alone(allegro, ball, found, at_once):
+def test_the_result_depends_on_the_seed_alone(allegro, ball, found):
     again = find_grasps(allegro, ball, count=16, seed=3, jobs=2, **SETTINGS)
     assert again.outcomes == found.outcomes
     assert [p.quality for p in again.grasps] == pytest.approx([p.quality for p in found.grasps], rel=1e-6)
@@ -324,9 +296,8 @@ def test_wrapped_grasps_rest_on_the_palm():
         assert clearance(one.closure.hand, pen, one.closure.q) > -1e-6
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("jobs", slow_except([1, 2], 2))
-def test_objects_of_ones_own_class_are_placed(jobs, at_once):
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_objects_of_ones_own_class_are_placed(jobs):
     class Ball(Sphere):
         """No module knows it by name."""
 
@@ -385,7 +356,7 @@ class Failing(Sphere):
 
 
 class Deadly(Sphere):
-    """In other processes than the test's own."""
+    """In copies of the test's own process."""
 
     home = os.getpid()
 
@@ -396,9 +367,6 @@ class Deadly(Sphere):
         return self.radius
 
 
-cloudpickle.register_pickle_by_value(sys.modules[__name__])  # other processes need not find this file
-
-
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_errors_of_samples_are_one_message(jobs):
     with pytest.raises(PinograspError, match="ValueError: no radius today .in bounding_radius") as told:
@@ -406,8 +374,7 @@ def test_errors_of_samples_are_one_message(jobs):
     assert told.value.__cause__ is None and "joblib" not in str(told.value)
 
 
-@pytest.mark.slow
-def test_lost_processes_are_one_message(at_once):
+def test_lost_processes_are_one_message():
     with pytest.raises(PinograspError, match="process of the search was lost"):
         find_grasps(load_hand("panda"), Deadly(radius=0.02, mass=0.1), count=12, jobs=2, **SETTINGS)
 
