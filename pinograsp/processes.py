@@ -12,9 +12,10 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from typing import Any, Generic, NamedTuple, TypeVar
+from multiprocessing.connection import Connection, wait
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
+from pinograsp.errors import PinograspError
 from pinograsp.interrupts import interrupts_not_inherited
 
 _Result = TypeVar("_Result")
@@ -64,26 +65,23 @@ def forked_results(
         known: objects that results refer to, and that come back as themselves.
 
     Raises:
-        BrokenProcessPool: a process was lost.
+        PinograspError: a process was lost.
     """
     work = _Work(function, list(arguments), tuple(known))
     jobs = min(count_processes(jobs), len(work.arguments))
     if jobs < 2:
         yield (function(*each) for each in work.arguments)
         return
-    others = set(multiprocessing.active_children())
-    fork = multiprocessing.get_context("fork")
-    executor = ProcessPoolExecutor(jobs, mp_context=fork, initializer=_take_over, initargs=(work,))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of threads, which are those of linear algebra
-        with interrupts_not_inherited():
-            contents = executor.map(_compute, range(len(work.arguments)))
+    copies = list[_Copy]()
     try:
-        yield map(work.read, contents)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of threads, which are those of linear algebra
+            with interrupts_not_inherited():
+                copies.extend(_Copy(work) for _ in range(jobs))
+        yield _gather(work, copies)
     finally:
-        for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
-        executor.shutdown(cancel_futures=True)
+        for copy in copies:
+            copy.end()
 
 
 def count_processes(jobs: int) -> int:
@@ -92,6 +90,30 @@ def count_processes(jobs: int) -> int:
 
     apart = multiprocessing.parent_process() is not None or threading.current_thread() is not threading.main_thread()
     return 1 if apart or sys.platform != "linux" else int(joblib.effective_n_jobs(jobs))
+
+
+def _gather(work: _Work[_Result], copies: list[_Copy]) -> Iterator[_Result]:
+    """The results in order; a copy that is done gets the next call."""
+    done: dict[int, tuple[bytes, Exception | None]] = {}
+    left = iter(range(len(work.arguments)))
+    busy = {copy.ours: i for copy, i in zip(copies, left)}
+    try:
+        for ours, i in busy.items():
+            ours.send(i)
+        for i in range(len(work.arguments)):
+            while i not in done:
+                for ready in wait(list(busy)):
+                    ours = cast(Connection, ready)
+                    done[busy.pop(ours)] = ours.recv()
+                    if (following := next(left, None)) is not None:
+                        ours.send(following)
+                        busy[ours] = following
+            content, error = done.pop(i)
+            if error is not None:
+                raise error
+            yield work.read(content)
+    except (EOFError, ConnectionError):
+        raise PinograspError("a process was lost, by lack of memory or a crash: try fewer (jobs=1)") from None
 
 
 class _Work(NamedTuple, Generic[_Result]):
@@ -129,16 +151,30 @@ class _Unpickler(pickle.Unpickler):
         return self._known[pid]
 
 
-_work: _Work[Any] | None = None  # of a copy
+class _Copy:
+    """A copy of this process, with a pipe of its own, so that it may be ended at any time."""
+
+    def __init__(self, work: _Work[Any]):
+        fork = multiprocessing.get_context("fork")
+        self.ours, theirs = fork.Pipe()
+        self._process = fork.Process(target=_serve, args=(work, theirs), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def end(self) -> None:
+        self._process.kill()
+        self._process.join()
+        self.ours.close()
 
 
-def _take_over(work: _Work[Any]) -> None:
-    """Begin in a copy, which ends with its parent, however that ends."""
-    global _work
+def _serve(work: _Work[Any], parent: Connection) -> None:
+    """What a copy does, until it is ended: by its parent, or with it, however that ends."""
     ctypes.CDLL(None).prctl(_DIES_WITH_PARENT, signal.SIGKILL)
-    _work = work
-
-
-def _compute(i: int) -> bytes:
-    assert _work is not None
-    return _work.compute(i)
+    while True:
+        i = parent.recv()
+        answer: tuple[bytes, Exception | None]
+        try:
+            answer = work.compute(i), None
+        except Exception as error:
+            answer = b"", error
+        parent.send(answer)

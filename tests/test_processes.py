@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pytest
@@ -68,9 +67,28 @@ def test_what_is_not_asked_for_is_given_up():
     assert time.monotonic() - started < 30.0 and children() == before
 
 
+def test_what_is_given_up_may_be_large():
+    """Copies are ended while they send, which nothing waits for."""
+    before = children()
+    for _ in range(20):
+        with forked_results(lambda i: bytes(i * 10**7), [(i,) for i in range(9)], 3) as results:
+            next(results)
+    assert children() == before
+
+
+def test_errors_are_raised_where_they_are_asked_for():
+    def fail(i):
+        return 1 // i
+
+    with forked_results(fail, [(1,), (0,)], 2) as results:
+        assert next(results) == 1
+        with pytest.raises(ZeroDivisionError):
+            next(results)
+
+
 def test_a_lost_process_is_told():
     lost = forked_results(lambda i: os._exit(1), [(0,), (1,)], 2)
-    with pytest.raises(BrokenProcessPool), lost as results:
+    with pytest.raises(PinograspError, match="a process was lost"), lost as results:
         list(results)
 
 

@@ -10,7 +10,6 @@ long as that improves them, and closed with the exact geometry in the end.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +21,7 @@ from pinograsp.contacts import (
     ContactSet,
     check_geometry,
 )
-from pinograsp.errors import GraspNotFound, PinograspError
+from pinograsp.errors import GraspNotFound
 from pinograsp.forces import GraspConditions, Task
 from pinograsp.hands import HandModel
 from pinograsp.hands.joint_limits import PLACEHOLDERS
@@ -266,9 +265,6 @@ def find_grasps(
             near = run.near(rounds[0], interrupt) if lacking and (forceless or not unmet) else ()
         except KeyboardInterrupt:
             run.interrupted, near, unmet = True, (), ()
-        except BrokenProcessPool:
-            why = "a process of the search was lost, by lack of memory or a crash: try fewer (jobs=1)"
-            raise PinograspError(why) from None
     run.bar.close()
     near = tuple(_with_bodies(hand, body, one) for one in near)
     return GraspSearch(
