@@ -44,7 +44,7 @@ def interrupts_kept() -> Iterator[Callable[[], None]]:
 
 
 @contextlib.contextmanager
-def interrupts_not_inherited() -> Iterator[None]:
+def block_interrupts() -> Iterator[None]:
     """Processes that are started here ignore Ctrl-C, which goes to all that a terminal runs."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from pinograsp.errors import PinograspError
-from pinograsp.interrupts import interrupts_not_inherited
+from pinograsp.interrupts import block_interrupts
 
 _Result = TypeVar("_Result")
 _DIES_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
@@ -39,7 +39,7 @@ def parallel_results(
         warnings.simplefilter("ignore", UserWarning)  # joblib's, of work that is given up
         for tracker in (resource_tracker, multiprocessing.resource_tracker):
             tracker.ensure_running()  # starting these processes opens signals that are blocked
-        with interrupts_not_inherited():
+        with block_interrupts():
             results = joblib.Parallel(n_jobs=jobs, **settings)(joblib.delayed(function)(*each) for each in arguments)
         with contextlib.closing(results):
             yield results
@@ -76,7 +76,7 @@ def forked_results(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of threads, which are those of linear algebra
-            with interrupts_not_inherited():
+            with block_interrupts():
                 copies.extend(_Copy(work) for _ in range(jobs))
         yield _gather(work, copies)
     finally:
