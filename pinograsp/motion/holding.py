@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp.actuation import CompliantHand, ObjectStiffness, contact_stiffness, object_stiffness
@@ -13,7 +14,8 @@ from pinograsp.contacts.edges import on_edges
 from pinograsp.errors import InvalidInput
 from pinograsp.forces import ForceProblem
 from pinograsp.hands import HandModel
-from pinograsp.motion.torques import preload_slope, torque_limits
+from pinograsp.motion.jacobian import contact_jacobians
+from pinograsp.motion.torques import preload_slope
 from pinograsp.spatial import Array
 
 AWAY = 2e-3  # [m] by which the object may give way to the push of a reserve
@@ -24,7 +26,9 @@ def compliant_hand(
     hand: HandModel, contacts: ContactSet, q: Array, gains: Array, depth: ArrayLike = 0.0
 ) -> CompliantHand:
     """The hand at ``q`` (n,), closed to depths (k,) [m], with servos of ``gains`` (n,) at its joints."""
-    jacobians = torque_limits(hand, contacts, q, depth=depth, limit=np.inf).jacobian
+    data = hand.model.createData()
+    pin.computeJointJacobians(hand.model, data, q)
+    jacobians = contact_jacobians(hand, contacts, data, depth)
     return CompliantHand.at(contacts, jacobians, gains=gains)
 
 

@@ -67,10 +67,11 @@ def measure_tolerance(
     threads: int | None = 1,
     *,
     quick: bool = False,
+    known: PoseTolerance | None = None,
 ) -> PoseTolerance:
     """Errors of all directions: of the size that is asked about, and larger ones until one is lost, or smaller ones.
 
-    ``quick``: of that size alone.
+    ``quick``: of that size alone. ``known``: what that has found.
     """
     gravity = pressing.gravity_o
     up = -gravity / np.linalg.norm(gravity) if pressing.on_table else None
@@ -80,19 +81,25 @@ def measure_tolerance(
         places = _places(scene.body.com_o, size * displaced, size * turned)
         return close_misplaced(scene, commands, pressing, places, threads).kept
 
-    asked = kept = keep(1.0)
-    reached = float(asked.all())
+    def find_worst(kept: BoolArray) -> Array:
+        return np.zeros(3) if kept.all() else displaced[int(kept.argmin())] / error.distance
+
+    if known is None:
+        asked = keep(1.0)
+        share, worst = float(asked.mean()), find_worst(asked)
+    else:
+        share, worst = known.kept, known.worst
+    reached = float(share == 1.0)
     for size in () if quick else _LARGER if reached else (SMALLEST,):
-        now = keep(size)
-        if not now.all():
-            kept = now
+        kept = keep(size)
+        if not kept.all():
+            worst = find_worst(kept)
             break
         reached = size
-    worst = np.zeros(3) if kept.all() else displaced[int(kept.argmin())] / error.distance
     return PoseTolerance(
         distance=reached * error.distance,
         angle=reached * error.angle,
-        kept=float(asked.mean()),
+        kept=share,
         asked_distance=error.distance,
         asked_angle=error.angle,
         count=error.count,

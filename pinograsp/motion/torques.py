@@ -14,8 +14,8 @@ from pinograsp.forces import TorqueLimit, TorqueLimits, Underactuation
 from pinograsp.forces.conditions import given_limit
 from pinograsp.hands import Finger, HandModel, servo_gains
 from pinograsp.hands.efforts import find_stops, spring_torques
-from pinograsp.motion.jacobian import contact_jacobians, contact_points, point_jacobian
-from pinograsp.spatial import Array, BoolArray
+from pinograsp.motion.jacobian import contact_jacobians, contact_points
+from pinograsp.spatial import Array, BoolArray, skew
 
 # Weighed in benchmarks/forgiving.py: motion of a joint [rad] that takes all of its torque or doubles it while the hand
 # closes, a centimetre at a fingertip; and the gain of joints that bear next to nothing [N m/rad].
@@ -26,7 +26,6 @@ DRY_FRICTION = (
 )
 _NONE = 1e-9  # [m] arms of contacts that load no joint
 _ROUNDING = 1e-3  # of a limit that torques lie on
-_STEP = 1e-4  # [rad or m]: of central differences, exact to its square
 
 
 def inverse_dynamics(
@@ -200,7 +199,8 @@ def preload_slope(
     world.
 
     This is what the forces add to the stiffness of the joints (``object_stiffness(joint_preload=...)``): negative if a
-    finger is compressed, like a column that may buckle. The method is central differences.
+    finger is compressed, like a column that may buckle. A joint turns whatever it carries: that changes the velocity v
+    that a joint farther on gives the contact point by omega x v, per rad of a joint that turns about omega.
 
     Args:
         hand: the hand.
@@ -219,18 +219,19 @@ def preload_slope(
     data = model.createData()
     pin.computeJointJacobians(model, data, q)
     held = contact_points(hand, contacts, data, each_of("depth", depth, k))
-
-    def torques(q: Array) -> Array:
-        pin.computeJointJacobians(model, data, q)
-        tau = np.zeros(hand.n)
-        for (joint, point), force in zip(held, forces):
-            if joint:
-                tau += point_jacobian(model, data, joint, point).T @ force
-        return tau
-
-    steps = _STEP * np.eye(hand.n)
-    slope: Array = np.array([torques(q + step) - torques(q - step) for step in steps]) / (2 * _STEP)
-    slope = slope / 2 + slope.T / 2
+    # Of all joints, coupled ones too, at the world's origin; the universe, joint 0, carries everything and stays.
+    columns = np.vstack([np.zeros(6), data.J.T])
+    carrying = np.zeros((k, model.njoints, 1))
+    for own, (joint, _) in zip(carrying, held):
+        own[list(model.supports[joint])] = 1.0
+    points = np.array([data.oMi[joint].act(point) for joint, point in held])
+    moved = carrying * (columns[:, :3] + columns[:, 3:] @ skew(points))
+    turned = skew(forces) @ (carrying * columns[:, 3:]).transpose(0, 2, 1)
+    each = np.tril((moved @ turned).sum(axis=0))  # (farther on, nearer to the palm)
+    each += np.tril(each, -1).T
+    moves = np.zeros((hand.n, model.njoints))
+    moves[[joint.idx_v for joint in model.joints][1:], np.arange(1, model.njoints)] = 1.0
+    slope: Array = moves @ each @ moves.T
     return slope
 
 
@@ -274,9 +275,12 @@ def torque_limits(
     See Also:
         :class:`~pinograsp.forces.TorqueLimits`, :class:`~pinograsp.forces.ForceProblem`.
     """
-    model = instance_of("hand", hand, HandModel).model.copy()
+    model = instance_of("hand", hand, HandModel).model
     k = len(instance_of("contacts", contacts, ContactSet))
-    model.gravity.linear = array_of("gravity", gravity_o, (3,))
+    gravity = array_of("gravity", gravity_o, (3,))
+    if not np.array_equal(model.gravity.linear, gravity):
+        model = model.copy()
+        model.gravity.linear = gravity
     q = array_of("q", q, (hand.n,))
     if isinstance(limit, str) and not torques_matter(hand, drives_limit(hand)):
         raise InvalidInput(f"effort limits: no joint of hand '{hand.name}' has one: give limit= in N m")

@@ -26,10 +26,11 @@ from pinograsp.forces import GraspConditions
 from pinograsp.hands import servo_gains
 from pinograsp.plan.answer import SIMULATED
 from pinograsp.plan.simulation import MOVED
+from pinograsp.plan.tolerance import PoseTolerance
 from pinograsp.planner.as_commanded import measure_turn
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
-from pinograsp.planner.grasp_plan import GraspPlan
+from pinograsp.planner.grasp_plan import GraspPlan, add_tolerance
 from pinograsp.planner.options import AS_USUAL, PlanOptions
 from pinograsp.planner.planning import GraspTask
 from pinograsp.planner.tolerance import find_drop, tell_tolerance
@@ -98,14 +99,15 @@ def plan_best(
     instance_of("search", found, GraspSearch)
     flag("check", check)
     refused: list[tuple[NoGrasp, GraspTask]] = []
-    plans = plan_each(found, conditions, options, jobs=jobs, progress=progress, check=check, refused=refused)
+    plans = _rank(found, conditions, options, jobs, progress, check, refused)
     with contextlib.closing(plans):
         best = next(plans, None)
     if best is not None:
-        if best.status not in (Status.OK, Status.INTERRUPTED):
-            best = replace(best, notes=(*best.notes, "no plan is ok: another seed, or more samples, may find one"))
-            best = _check(best)[0] if check else best
-        return best.with_tolerance()
+        plan = best.plan
+        if plan.status not in (Status.OK, Status.INTERRUPTED):
+            plan = replace(plan, notes=(*plan.notes, "no plan is ok: another seed, or more samples, may find one"))
+            return _check(plan)[0] if check else plan
+        return add_tolerance(plan, tell_tolerance(plan, plan.closure, known=best.tolerance), best.drop)
     near = [GraspTask.of_closure(one.closure, conditions, options) for one in found.near]
     raise _refusal(refused, near, (*filter(None, [found.size_remark]), *found.unmet))
 
@@ -125,6 +127,21 @@ def plan_each(
     Without their tolerance (:meth:`GraspPlan.with_tolerance`). Arguments as of :func:`plan_best`; ``refused``: is given
     the grasps that could not be planned.
     """
+    with contextlib.closing(_rank(found, conditions, options, jobs, progress, check, refused)) as plans:
+        for one in plans:
+            yield one.plan
+
+
+def _rank(
+    found: GraspSearch,
+    conditions: GraspConditions,
+    options: PlanOptions,
+    jobs: int,
+    progress: bool | None,
+    check: bool,
+    refused: list[tuple[NoGrasp, GraspTask]] | None,
+) -> Generator[_Planned]:
+    """As :func:`plan_each`."""
     grasps = found.grasps or (found.best,)
     jobs = 1 if options.search != "convex" else count_processes(processes(jobs))
     work = [
@@ -140,12 +157,12 @@ def plan_each(
                     refused.append((one, GraspTask.of_closure(grasp.closure, conditions, options, progress=progress)))
                 continue
             if one.plan.status is Status.INTERRUPTED:
-                yield one.plan
+                yield one
                 continue
             if not one.whole and (not waiting or one.faults < waiting[0].faults):  # else it cannot be the better one
                 one = one.with_losses()
             if not one.faults:
-                yield one.plan
+                yield one
                 continue
             heapq.heappush(waiting, one)
             tried += one.plan.status is Status.OK
@@ -181,7 +198,7 @@ def _plan(
 
 class _Planned(NamedTuple):
     """A plan that is not quite as wished: its faults, in what order it came, its closure, and whether losses count
-    already.
+    already; then the tolerance of the errors that are asked about, and how far the object drops [m].
     """
 
     faults: float
@@ -189,21 +206,24 @@ class _Planned(NamedTuple):
     plan: GraspPlan
     closure: Closure
     whole: bool
+    tolerance: PoseTolerance | None = None
+    drop: float | None = None
 
     def with_losses(self) -> _Planned:
         """With what of misplaced objects is lost, how far a push turns it, and whether it drops."""
         tolerance = tell_tolerance(self.plan, self.closure, quick=True)
         lost = 0.0 if tolerance is None else 1.0 - tolerance.kept
         lost += measure_turn(self.plan) if self.plan.status is Status.OK else 0.0
-        lost += find_drop(self.plan) > MOVED
-        return self._replace(faults=self.faults + lost, whole=True)
+        drop = find_drop(self.plan)
+        lost += drop > MOVED
+        return self._replace(faults=self.faults + lost, whole=True, tolerance=tolerance, drop=drop)
 
 
-def _take_best(waiting: list[_Planned]) -> GraspPlan:
+def _take_best(waiting: list[_Planned]) -> _Planned:
     """The plan with the fewest faults, taken from a heap."""
     while not waiting[0].whole:
         heapq.heapreplace(waiting, waiting[0].with_losses())
-    return heapq.heappop(waiting).plan
+    return heapq.heappop(waiting)
 
 
 def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], remarks: tuple[str, ...]) -> NoGrasp:

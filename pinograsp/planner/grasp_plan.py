@@ -34,10 +34,10 @@ from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.efforts import SHORTFALL
 from pinograsp.motion import LoopSettings, OnlineForces, torque_limits
 from pinograsp.plan import PlanRecord, PoseError, Simulation
-from pinograsp.plan.tolerance import SMALL
+from pinograsp.plan.tolerance import SMALL, PoseTolerance
 from pinograsp.planner.compliance import describe_band, find_band, find_gains, stiffness_of
 from pinograsp.planner.margins import find_margins, find_reach, margin_cautions
-from pinograsp.planner.tolerance import DROPS, tell_drop, tell_tolerance
+from pinograsp.planner.tolerance import DROPS, find_drop, tell_drop, tell_tolerance
 from pinograsp.reflex import GripController, GripSettings
 from pinograsp.spatial import Array
 
@@ -110,12 +110,7 @@ class GraspPlan(PlanRecord):
         """
         instance_of("error", error, PoseError, type(None))
         known = self.tolerance is not None and error is None
-        found = None if known else tell_tolerance(self, self.closure, error)
-        if found is None:
-            return self
-        others = [one for one in self.cautions if not one.startswith((SMALL, DROPS))]
-        small = [f"{SMALL} {found.describe()}"] if found.is_small else []
-        return replace(self, tolerance=found, cautions=(*others, *small, *filter(None, [tell_drop(self)])))
+        return self if known else add_tolerance(self, tell_tolerance(self, self.closure, error))
 
     def force_band(self, stiffness: ArrayLike | None = None, factors: ArrayLike = FACTORS) -> ForceBand:
         """Compute the forces if the contacts are ``factors`` times as stiff as planned (s,), 1/5 to 20 times.
@@ -416,3 +411,15 @@ class GraspPlan(PlanRecord):
         from pinograsp.viz.figures import save_figures
 
         return save_figures(self.with_reach(), folder)
+
+
+def add_tolerance(plan: GraspPlan, found: PoseTolerance | None, drop: float | None = None) -> GraspPlan:
+    """The plan with its tolerance, and the cautions of a small one and of a far ``drop`` of the object [m], which is
+    found if it is not known; as it is without a tolerance.
+    """
+    if found is None:
+        return plan
+    others = [one for one in plan.cautions if not one.startswith((SMALL, DROPS))]
+    small = [f"{SMALL} {found.describe()}"] if found.is_small else []
+    drops = tell_drop(find_drop(plan) if drop is None else drop)
+    return replace(plan, tolerance=found, cautions=(*others, *small, *filter(None, [drops])))

@@ -22,15 +22,20 @@ _BEFORE = 0.05  # [s] that its fixed object is closed on before it is let go
 
 
 def tell_tolerance(
-    plan: PlanRecord, closure: Closure | None, error: PoseError | None = None, *, quick: bool = False
+    plan: PlanRecord,
+    closure: Closure | None,
+    error: PoseError | None = None,
+    *,
+    quick: bool = False,
+    known: PoseTolerance | None = None,
 ) -> PoseTolerance | None:
-    """As :func:`find_tolerance`; None of a plan that is not ``OK``, or of given contacts (no ``closure``), or without
-    the compiled core, or of geometry that it does not know.
+    """As :func:`find_tolerance`, which may be ``known`` of the errors that are asked about; None of a plan that is not
+    ``OK``, or of given contacts (no ``closure``), or without the compiled core, or of geometry that it does not know.
     """
     if plan.status is not Status.OK or closure is None or not core.is_installed():
         return None
     try:
-        return find_tolerance(plan, error, quick=quick)
+        return measure_tolerance(*_closing_of(plan), error or PoseError(), None, quick=quick, known=known)
     except InvalidInput:  # geometry that the core does not know
         return None
 
@@ -79,9 +84,8 @@ def find_drop(plan: PlanRecord) -> float:
     return float(seen.pushed[0]) if seen.kept[0] else np.inf
 
 
-def tell_drop(plan: PlanRecord) -> str | None:
-    """The caution of an object that drops far, in words; None of others."""
-    drop = find_drop(plan)
+def tell_drop(drop: float) -> str | None:
+    """The caution of an object that drops far [m], in words; None of others."""
     if drop <= MOVED:
         return None
     far = f"by {1e3 * drop:.2g} mm" if np.isfinite(drop) else "out of the hand"

@@ -40,9 +40,9 @@ Frame frame(double size, int hostile) {
 }
 
 // Few points, which may be the same, or lie on a line or in a plane, and what is about them.
-Solid solid(int hostile, int least) {
+std::vector<Triple> some_points(int hostile, int least) {
     std::vector<Triple> points;
-    const int flat = below(6), count = least + below(below(3) == 0 ? 40 : 9);
+    const int flat = below(6), more = below(8), count = least + below(more == 0 ? 1000 : more < 3 ? 40 : 9);
     for (int i = 0; i < count; ++i) {
         Triple point = triple(0.05, hostile);
         for (int x = 0; x < 3; ++x)
@@ -51,6 +51,11 @@ Solid solid(int hostile, int least) {
             for (double& x : point) x = std::copysign(0.02, x);
         points.push_back(point);
     }
+    return points;
+}
+
+Solid solid(int hostile, int least) {
+    const std::vector<Triple> points = some_points(hostile, least);
     const double radius = below(2) == 0 ? 0.0 : std::fabs(number(0.03, hostile));
     Triple radii{radius, radius, radius};
     if (below(3) == 0) radii[2] = 0.0;
@@ -61,6 +66,19 @@ Solid solid(int hostile, int least) {
 // How far the second solid must go along a direction to leave the first.
 double way_out(const Couple& couple, const Triple& along) {
     return dot(couple.farthest(along).point, along) + couple.round();
+}
+
+// However many points there are, the farthest is that of all of them.
+void check_farthest() {
+    const std::vector<Triple> points = some_points(0, 1);
+    const Solid one(points, {});
+    for (int i = 0; i < 20; ++i) {
+        const Triple along = i == 0 ? Triple{0.0, 0.0, -1.0} : triple(1.0, 0);
+        double most = dot(points[0], along);
+        for (const Triple& point : points) most = std::max(most, dot(point, along));
+        const double found = dot(one.farthest(along), along);
+        if (!(std::fabs(found - most) <= 1e-15)) fail("not the farthest point", found, most);
+    }
 }
 
 void check_pair() {
@@ -176,6 +194,7 @@ int main(int count, char** arguments) {
                              most = std::strtoull(arguments[2], nullptr, 10);
     for (input = first; input < first + most; ++input) {
         random_bits.seed(input);
+        check_farthest();
         check_pair();
         check_scene();
         check_triangles();

@@ -92,8 +92,12 @@ inline Triple across(const Triple& normal) {
 class Solid {
 public:
     Solid() = default;
-    Solid(const std::vector<Triple>& points, const Triple& radii)
+    Solid(std::vector<Triple> points, const Triple& radii)
         : radii_(radii), ball_(radii[0] == radii[1] && radii[1] == radii[2]), count_(points.size()) {
+        if (count_ > many) {
+            gather(points, 0, count_);
+            enclose(points);
+        }
         blocks_.assign((count_ + width - 1) / width * 3 * width, 0.0);
         for (std::size_t i = 0; i < blocks_.size() / 3; ++i)
             for (std::size_t x = 0; x < 3; ++x)
@@ -117,23 +121,108 @@ public:
     Triple farthest(const Triple& along) const { return corner(along) + stretch(along); }
 
 private:
+    // Neighbours in a box, and from how many points on there are boxes.
+    static constexpr std::size_t neighbours = 32, many = 128;
+
+    // The farthest so far: how far, and the first lane's number, for each lane.
+    struct Farthest {
+        Vector far = -std::numeric_limits<double>::infinity(), which = 0.0;
+
+        void add(Vector other, std::size_t first) {
+            const Mask better = other > far;
+            far = select(better, other, far);
+            which = select(better, Vector(static_cast<double>(first)), which);
+        }
+        // The first one of all lanes.
+        std::size_t first() const {
+            Vector lanes;
+            for (int l = 0; l < width; ++l) in_lane(lanes, l) = static_cast<double>(l);
+            const Mask farthest = far == Vector(most_of(far));
+            return static_cast<std::size_t>(-most_of(select(farthest, -which - lanes, -1e300)));
+        }
+    };
+
     Triple corner(const Triple& along) const {
         if (count_ <= width) return few_corner(along);
-        Vector most = -std::numeric_limits<double>::infinity(), which = 0.0;
-        const double* at = blocks_.data();
-        for (std::size_t i = 0; i < count_; i += width, at += 3 * width) {
-            const Vector far = lanes_at(at) * Vector(along[0]) + lanes_at(at + width) * Vector(along[1]) +
-                               lanes_at(at + 2 * width) * Vector(along[2]);
-            const Mask better = far > most;
-            most = select(better, far, most);
-            which = select(better, Vector(static_cast<double>(i)), which);
+        Farthest best;
+        if (boxes_.empty()) {
+            scan(along, 0, count_, best);
+            return point(best.first());
         }
-        int best = 0;
-        for (int l = 1; l < width; ++l) {
-            const double more = in_lane(most, l) - in_lane(most, best);
-            if (more > 0.0 || (more == 0.0 && in_lane(which, l) < in_lane(which, best))) best = l;
+        // The most promising box, and then those that can have a point farther along than all of that one.
+        const Triple size{std::fabs(along[0]), std::fabs(along[1]), std::fabs(along[2])};
+        Farthest bound;
+        for (std::size_t i = 0; i < boxes_.size() / 6; i += width) bound.add(bound_of(i, along, size), i);
+        const std::size_t promising = bound.first();
+        scan_box(along, promising, best);
+        const double known = most_of(best.far);
+        for (std::size_t i = 0; i < boxes_.size() / 6; i += width) {
+            const Vector far = bound_of(i, along, size);
+            if (!any(far > Vector(known))) continue;
+            for (int l = 0; l < width; ++l)
+                if (in_lane(far, l) > known && i + static_cast<std::size_t>(l) != promising)
+                    scan_box(along, i + static_cast<std::size_t>(l), best);
         }
-        return point(static_cast<std::size_t>(in_lane(which, best)) + static_cast<std::size_t>(best));
+        return point(best.first());
+    }
+
+    void scan_box(const Triple& along, std::size_t box, Farthest& best) const {
+        scan(along, box * neighbours, std::min(count_, (box + 1) * neighbours), best);
+    }
+
+    void scan(const Triple& along, std::size_t begin, std::size_t end, Farthest& best) const {
+        const double* at = blocks_.data() + 3 * begin;
+        for (std::size_t i = begin; i < end; i += width, at += 3 * width)
+            best.add(lanes_at(at) * Vector(along[0]) + lanes_at(at + width) * Vector(along[1]) +
+                         lanes_at(at + 2 * width) * Vector(along[2]),
+                     i);
+    }
+
+    // No point in a box is farther along; of `width` boxes.
+    Vector bound_of(std::size_t box, const Triple& along, const Triple& size) const {
+        const double* at = boxes_.data() + 6 * box;
+        Vector found = 0.0;
+        for (int x = 0; x < 3; ++x, at += width) found = found + lanes_at(at) * Vector(along[x]);
+        for (int x = 0; x < 3; ++x, at += width) found = found + lanes_at(at) * Vector(size[x]);
+        return found;
+    }
+
+    // Puts neighbours next to each other: halves along the longest side, as long as there are more than one box takes.
+    static void gather(std::vector<Triple>& points, std::size_t begin, std::size_t end) {
+        if (end - begin <= neighbours) return;
+        Triple least = points[begin], most = least;
+        for (std::size_t i = begin; i < end; ++i)
+            for (int x = 0; x < 3; ++x)
+                least[x] = std::min(least[x], points[i][x]), most[x] = std::max(most[x], points[i][x]);
+        int longest = 0;
+        for (int x = 1; x < 3; ++x)
+            if (most[x] - least[x] > most[longest] - least[longest]) longest = x;
+        const std::size_t middle = begin + ((end - begin) / 2 + neighbours - 1) / neighbours * neighbours;
+        const auto at = [&](std::size_t i) { return points.begin() + static_cast<std::ptrdiff_t>(i); };
+        std::nth_element(at(begin), at(middle), at(end),
+                         [&](const Triple& a, const Triple& b) { return a[longest] < b[longest]; });
+        gather(points, begin, middle);
+        gather(points, middle, end);
+    }
+
+    // The boxes: their middles and half their sides, `width` of them at a time.
+    void enclose(const std::vector<Triple>& points) {
+        const std::size_t boxes = (count_ + neighbours - 1) / neighbours;
+        boxes_.assign((boxes + width - 1) / width * 6 * width, 0.0);
+        for (std::size_t box = 0; box < boxes_.size() / 6; ++box) {
+            double* into = boxes_.data() + box / width * 6 * width + box % width;
+            for (int x = 0; x < 3; ++x) {
+                if (box >= boxes) {  // none: it is never looked into
+                    into[(3 + x) * width] = -std::numeric_limits<double>::infinity();
+                    continue;
+                }
+                double least = points[box * neighbours][x], most = least;
+                for (std::size_t i = box * neighbours; i < std::min(count_, (box + 1) * neighbours); ++i)
+                    least = std::min(least, points[i][x]), most = std::max(most, points[i][x]);
+                into[x * width] = 0.5 * (least + most);
+                into[(3 + x) * width] = 0.5 * (most - least);
+            }
+        }
     }
 
     Triple few_corner(const Triple& along) const {
@@ -159,6 +248,7 @@ private:
     bool ball_ = true;
     std::size_t count_ = 0;
     std::vector<double> blocks_;  // of `width` points each: their x, y and z
+    std::vector<double> boxes_;   // around neighbours
 };
 
 // A point of the difference of two solids, and that of the first solid in it.

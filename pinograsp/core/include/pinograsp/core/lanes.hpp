@@ -170,6 +170,15 @@ PINOGRASP_INLINE Vector lanes_at(const double* from) {
 
 PINOGRASP_INLINE void store(Vector a, double* into) { std::memcpy(into, &a, sizeof a); }
 
+// The largest of all lanes.
+inline double most_of(Vector a) {
+    double own[width];
+    store(a, own);
+    for (int half = width / 2; half > 0; half /= 2)
+        for (int l = 0; l < half; ++l) own[l] = own[l] > own[l + half] ? own[l] : own[l + half];
+    return own[0];
+}
+
 // Blocks of `width` that hold a number of contacts, rows or columns.
 constexpr int blocks_of(int count) { return (count + width - 1) / width; }
 
