@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import LayoutEngine
 from matplotlib.transforms import BboxBase
 
+from pinograsp.processes import forked_results
 from pinograsp.words import printable
 
 # Okabe-Ito colours, which colour-blind readers can distinguish.
@@ -228,8 +229,14 @@ def encode_figure(figure: Figure, kind: str = "png") -> bytes:
 
 
 def save_all(figures: Mapping[str, Callable[[], Figure]], folder: str | Path) -> list[Path]:
-    """Draw figures, by the names of their files, and write them into an existing folder; returns their paths."""
+    """Draw figures, by the names of their files, and write them into an existing folder, several side by side; returns
+    their paths.
+    """
     paths = [Path(folder) / name for name in figures]
-    for path, draw in zip(paths, figures.values()):
-        draw().savefig(path, dpi=130, pil_kwargs={"compress_level": 3})
-    return paths
+    with forked_results(_save, list(zip(figures.values(), paths)), -1) as saved:
+        return list(saved)
+
+
+def _save(draw: Callable[[], Figure], path: Path) -> Path:
+    draw().savefig(path, dpi=130, pil_kwargs={"compress_level": 3})
+    return path
