@@ -1,4 +1,7 @@
-"""The documentation: sphinx-build -W docs build/site. Tutorials are executed, and what they print is shown."""
+"""The documentation: sphinx-build -W docs build/site.
+
+Tutorials are executed, and what they print is shown.
+"""
 
 import sys
 from importlib.metadata import version as version_of
@@ -24,10 +27,13 @@ extensions = [
 exclude_patterns = ["build", "notebooks", "templates"]
 templates_path = ["templates"]
 # Classes whose bases have more fields and methods: their pages link to these.
-_classes = [one for name in pinograsp.__all__ if isinstance(one := getattr(pinograsp, name), type)]
-autosummary_context = {"heirs": [one.__name__ for one in _classes if one.__bases__ != (object,)]}
+_named = [getattr(pinograsp, name) for name in pinograsp.__all__]
+_classes = [one for one in _named if isinstance(one, type)]
+_heirs = [one.__name__ for one in _classes if one.__bases__ != (object,)]
+autosummary_context = {"heirs": _heirs}
 
-# Every page with {code-cell} runs from start to end in a folder of its own; a cell that fails fails the build.
+# Every page with {code-cell} runs from start to end in a folder of its own; a cell that
+# fails fails the build.
 nb_execution_mode = "cache"
 nb_execution_timeout = 600
 nb_execution_in_temp = True
@@ -38,13 +44,14 @@ myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 copybutton_exclude = ".linenos, .gp, .go"
 
-# Every script of examples/gallery runs once, and again when it has changed; what it draws is shown beside it.
-# -D plot_gallery=0 shows the scripts alone.
+# Every script of examples/gallery runs once, and again when it has changed; what it
+# draws is shown beside it. -D plot_gallery=0 shows the scripts alone.
 sys.path.insert(0, str(Path(__file__).parent))
 sphinx_gallery_conf = {
     "examples_dirs": "../examples/gallery",
     "subsection_order": [
-        f"../examples/gallery/{section}" for section in ("hands", "wishes", "forces", "motion", "sensing", "films")
+        f"../examples/gallery/{section}"
+        for section in ("hands", "wishes", "forces", "motion", "sensing", "films")
     ],
     "gallery_dirs": "gallery",
     "filename_pattern": "",
@@ -64,7 +71,8 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 # Shapes are in the text.
-autodoc_type_aliases = {name: name for name in ("Array", "BoolArray", "IntArray", "ArrayLike")}
+_arrays = ("Array", "BoolArray", "IntArray", "ArrayLike")
+autodoc_type_aliases = {name: name for name in _arrays}
 python_maximum_signature_line_length = 80  # then one parameter per line
 python_use_unqualified_type_names = True
 napoleon_use_ivar = True
@@ -78,7 +86,8 @@ html_css_files = ["tables.css"]
 html_theme_options = {"top_of_page_buttons": []}
 html_search_scorer = str(Path(__file__).with_name("static") / "scorer.js")
 
-# What people type into the search, and the pages that answer it: they come before pages that only mention it.
+# What people type into the search, and the pages that answer it: they come before pages
+# that only mention it.
 search_keywords = {
     "concepts/drives": ["torque", "motors", "servos"],
     "concepts/frames": ["frames", "units", "mm", "degrees", "quaternions", "pose"],
@@ -86,12 +95,26 @@ search_keywords = {
     "howto/answers": ["status", "exit codes"],
     "howto/forces": ["torque limits", "contact forces"],
     "howto/hand_over": ["CSV", "gripper", "trajectory", "JointTrajectory"],
-    "howto/hands": ["fingers", "torque limits", "URDF", "MJCF", "xacro", "mimic joints"],
+    "howto/hands": [
+        "fingers",
+        "torque limits",
+        "URDF",
+        "MJCF",
+        "xacro",
+        "mimic joints",
+    ],
     "howto/objects": ["units", "mesh", "STL", "OBJ"],
     "howto/pick": ["IK", "inverse kinematics", "arm", "obstacles"],
     "howto/real_hands": ["torque limits", "registers", "data sheet", "logs"],
     "howto/reflex": ["slip", "taxels", "sensors"],
-    "howto/troubleshooting": ["slip", "units", "mm", "frames", "infeasible", "problems"],
+    "howto/troubleshooting": [
+        "slip",
+        "units",
+        "mm",
+        "frames",
+        "infeasible",
+        "problems",
+    ],
     "howto/wishes": ["handle", "fingers", "approach"],
     "reference/motion": ["IK", "inverse kinematics"],
     "tutorials/gripper": ["gripper", "jaws"],
@@ -119,15 +142,18 @@ def _is_at_front_door(name, obj):
 def _link_front_door(app, what, name, obj, options, lines):
     """A room's names at the front door, as links to their pages."""
     if what == "module":
-        here = [one for one in getattr(obj, "__all__", ()) if _is_at_front_door(one, getattr(obj, one))]
+        room = getattr(obj, "__all__", ())
+        here = [one for one in room if _is_at_front_door(one, getattr(obj, one))]
+        links = ", ".join(f":py:obj:`~{name}.{one}`" for one in here)
         if here:
-            lines += ["", "With pages of their own: " + ", ".join(f":py:obj:`~{name}.{one}`" for one in here) + "."]
+            lines += ["", f"With pages of their own: {links}."]
 
 
 def _add_keywords(app, doctree):
     """The page's keywords, as entries of the index: the search looks there first."""
     if words := app.config.search_keywords.get(app.env.docname):
-        doctree.insert(0, addnodes.index(entries=[("single", word, "", "main", None) for word in words]))
+        entries = [("single", word, "", "main", None) for word in words]
+        doctree.insert(0, addnodes.index(entries=entries))
 
 
 def setup(app):

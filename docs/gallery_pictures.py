@@ -7,11 +7,12 @@ from sphinx_gallery.scrapers import figure_rst
 
 
 def collect(block, block_vars, gallery_conf):
-    """Move the picture or film that is called like the script to where the site has its pictures."""
+    """Move the picture or film with the script's name to where the site has its own."""
     script, figures = Path(block_vars["src_file"]), []
     for drawn in (script.with_suffix(".png"), script.with_suffix(".gif")):
         if drawn.exists():
-            place = Path(next(block_vars["image_path_iterator"])).with_suffix(drawn.suffix)
+            place = Path(next(block_vars["image_path_iterator"]))
+            place = place.with_suffix(drawn.suffix)
             shutil.move(drawn, place)
             figures.append(place)
     return figure_rst(figures, gallery_conf["src_dir"])

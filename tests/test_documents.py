@@ -54,6 +54,16 @@ def test_python_runs(path, tmp_path):
     assert "np.float64(" not in done.stdout
 
 
+def test_code_is_as_wide_as_the_pages():
+    """At most 88 columns, as a page shows them without scrolling. Directives other than cells have prose."""
+    for path in TEXTS:
+        fences = re.findall(r"^ *(```+)(.*)\n(.*?)^ *\1 *$", path.read_text(encoding="utf-8"), re.M | re.S)
+        for _, head, block in fences:
+            if head.startswith("{") and not head.startswith("{code-cell}"):
+                continue
+            assert not [line for line in block.splitlines() if len(line) > 88], path.name
+
+
 def test_tutorials_are_executed_as_the_site_is_built():
     pages = [path for path in PAGES if EXECUTED in path.read_text(encoding="utf-8")]
     assert {path.parent.name for path in pages} == {"tutorials"} and len(pages) >= 8

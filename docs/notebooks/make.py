@@ -1,4 +1,6 @@
-"""Notebooks of tutorials, executed, with a first cell that installs the package on a hosted service.
+"""Notebooks of tutorials, executed.
+
+Their first cell installs the package on a hosted service.
 
 Run it without arguments to make all of them, or with the names of some.
 """
@@ -19,10 +21,20 @@ from PIL import Image
 
 HERE = Path(__file__).resolve().parent
 NEEDED = {"data_set": "pyarrow"}  # package of an extra that a tutorial needs
-NAMES = ("own_hand", "gripper", "position_servos", "loop", "reflex", "data_set", "carry", "paper")
+NAMES = (
+    "own_hand",
+    "gripper",
+    "position_servos",
+    "loop",
+    "reflex",
+    "data_set",
+    "carry",
+    "paper",
+)
 INSTALL = """\
-# If pinograsp is not installed here, as on a hosted service: set SOURCE to a wheel, a source archive or a
-# checkout of it. This is a path (upload the file beside the notebook) or a URL.
+# If pinograsp is not installed here, as on a hosted service: set SOURCE to a wheel, a
+# source archive or a checkout of it. This is a path (upload the file beside the
+# notebook) or a URL.
 SOURCE = "pinograsp-*.tar.gz"
 
 import site
@@ -30,7 +42,8 @@ from importlib.util import find_spec
 
 if find_spec("pinograsp") is None:
     %pip install -q {SOURCE}
-    site.main()  # Pinocchio is in a folder of its own, which Python looks for when it starts"""
+    # Pinocchio is in a folder of its own, which Python looks for when it starts
+    site.main()"""
 INSTALL_ALSO = """
 if find_spec("{0}") is None:
     %pip install -q {0}"""
@@ -47,7 +60,8 @@ def notebook(name: str) -> str:
         one["metadata"] = {}
         if one.cell_type == "markdown":  # other tutorials are in their own folder
             one.source = re.sub(r"\]\((\w+\.md)", r"](../tutorials/\1", one.source)
-    made.metadata = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    made.metadata = {"kernelspec": kernel}
     made.nbformat, made.nbformat_minor = 4, 5
     return nbformat.writes(made) + "\n"
 
@@ -56,7 +70,14 @@ def execute(made: nbformat.NotebookNode) -> None:
     """Run a notebook in a folder of its own, and keep what it shows."""
     with tempfile.TemporaryDirectory() as folder:
         place = {"metadata": {"path": folder}}
-        NotebookClient(made, timeout=600, record_timing=False, coalesce_streams=True, resources=place).execute()
+        client = NotebookClient(
+            made,
+            timeout=600,
+            record_timing=False,
+            coalesce_streams=True,
+            resources=place,
+        )
+        client.execute()
     made.metadata.pop("language_info", None)  # of this machine
     for cell in made.cells:
         for output in cell.get("outputs", ()):
@@ -68,7 +89,8 @@ def execute(made: nbformat.NotebookNode) -> None:
 def shrink(picture: str) -> str:
     """A picture with fewer colours, as base64."""
     image = Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")
-    image.quantize(COLOURS, dither=Image.Dither.NONE).save(file := io.BytesIO(), "png", optimize=True)
+    image = image.quantize(COLOURS, dither=Image.Dither.NONE)
+    image.save(file := io.BytesIO(), "png", optimize=True)
     return base64.b64encode(file.getvalue()).decode()
 
 
