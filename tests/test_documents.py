@@ -57,7 +57,7 @@ def test_python_runs(path, tmp_path):
 def test_code_is_as_wide_as_the_pages():
     """At most 88 columns, as a page shows them without scrolling. Directives other than cells have prose."""
     for path in TEXTS:
-        fences = re.findall(r"^ *(```+)(.*)\n(.*?)^ *\1 *$", path.read_text(encoding="utf-8"), re.M | re.S)
+        fences = re.findall(r"^ *(```+)([^\n]*)\n(.*?)^ *\1 *$", path.read_text(encoding="utf-8"), re.M | re.S)
         for _, head, block in fences:
             if head.startswith("{") and not head.startswith("{code-cell}"):
                 continue
