@@ -70,9 +70,9 @@ def plan_best(
         jobs: processes, which plan the next grasps meanwhile; -1: all cores. One outside the main thread, on other
             systems than Linux, and for grids. The result is the same.
         progress: bar on stderr: None (on a terminal), True or False.
-        check: also simulate the plans, at rest and then shaken with half of what their reserve withstands; this takes
-            some seconds each, more for meshes that are not convex. Lost plans come last, with a caution; held ones have
-            a note.
+        check: also simulate the plan, at rest and then shaken with half of what its reserve withstands; this takes
+            some seconds, more for meshes that are not convex. If it is lost, the next one is simulated: lost plans come
+            last, with a caution; held ones have a note.
 
     Returns:
         The first plan that is ``OK``, and held if it is checked; if there is none, the plan of the best grasp that
@@ -145,7 +145,8 @@ def _rank(
     grasps = found.grasps or (found.best,)
     jobs = 1 if options.search != "convex" else count_processes(processes(jobs))
     work = [
-        (i, one, conditions, options, progress if jobs == 1 else False, check, jobs > 1) for i, one in enumerate(grasps)
+        (i, one, conditions, options, progress if jobs == 1 else False, not check, jobs > 1)
+        for i, one in enumerate(grasps)
     ]
     bodies = [part for one in grasps for part in (one.closure, one.closure.hand, one.closure.object)]
     waiting: list[_Planned] = []
@@ -161,6 +162,8 @@ def _rank(
                 continue
             if not one.whole and (not waiting or one.faults < waiting[0].faults):  # else it cannot be the better one
                 one = one.with_losses()
+            if not one.faults and not one.checked:
+                one = one.with_check()
             if not one.faults:
                 yield one
                 continue
@@ -178,10 +181,12 @@ def _plan(
     conditions: GraspConditions,
     options: PlanOptions,
     progress: bool | None,
-    check: bool,
+    checked: bool,
     whole: bool,
 ) -> _Planned | NoGrasp:
-    """A grasp's plan with its faults, with losses if it is to be ``whole``; or why there is none."""
+    """A grasp's plan with its faults, with losses if it is to be ``whole``; or why there is none. ``checked``: it needs
+    no simulation.
+    """
     try:
         plan = GraspTask.of_closure(grasp.closure, conditions, options, progress=progress).attempt()
     except NoGrasp as error:
@@ -189,16 +194,15 @@ def _plan(
     faults = _MOST_FAULTS + 1
     if plan.status is Status.OK:
         faults = _count_faults(plan, grasp.closure) + int(grasp.crushes)
-    if check and plan.status is Status.OK:
-        plan, held = _check(plan)
-        faults += 0 if held else _MOST_FAULTS
-    one = _Planned(float(faults), order, plan, grasp.closure, whole=False)
-    return one.with_losses() if whole and plan.status is Status.OK else one
+    good = plan.status is Status.OK
+    one = _Planned(float(faults), order, plan, grasp.closure, whole=False, checked=checked or not good)
+    return one.with_losses() if whole and good else one
 
 
 class _Planned(NamedTuple):
     """A plan that is not quite as wished: its faults, in what order it came, its closure, and whether losses count
-    already; then the tolerance of the errors that are asked about, and how far the object drops [m].
+    already, and whether it needs no simulation (any more); then the tolerance of the errors that are asked about, and
+    how far the object drops [m].
     """
 
     faults: float
@@ -206,6 +210,7 @@ class _Planned(NamedTuple):
     plan: GraspPlan
     closure: Closure
     whole: bool
+    checked: bool
     tolerance: PoseTolerance | None = None
     drop: float | None = None
 
@@ -218,11 +223,17 @@ class _Planned(NamedTuple):
         lost += drop > MOVED
         return self._replace(faults=self.faults + lost, whole=True, tolerance=tolerance, drop=drop)
 
+    def with_check(self) -> _Planned:
+        """With what its simulation says."""
+        plan, held = _check(self.plan)
+        return self._replace(faults=self.faults + (0 if held else _MOST_FAULTS), plan=plan, checked=True)
+
 
 def _take_best(waiting: list[_Planned]) -> _Planned:
-    """The plan with the fewest faults, taken from a heap."""
-    while not waiting[0].whole:
-        heapq.heapreplace(waiting, waiting[0].with_losses())
+    """The plan with the fewest faults, taken from a heap. What takes a while is only asked of those that come first."""
+    while not (waiting[0].whole and waiting[0].checked):
+        first = waiting[0]
+        heapq.heapreplace(waiting, first.with_check() if first.whole else first.with_losses())
     return heapq.heappop(waiting)
 
 
