@@ -11,18 +11,21 @@ from sphinx import addnodes
 
 import pinograsp
 
+sys.path.insert(0, str(Path(__file__).parent))  # mathml, gallery_pictures
+
 project, author = "pinograsp", "the pinograsp developers"
+copyright = f"%Y, {author}"  # the year of the build
 version = release = version_of("pinograsp")
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
-    "sphinx.ext.mathjax",
     "myst_nb",
     "sphinx_design",
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
+    "mathml",
 ]
 exclude_patterns = ["build", "notebooks", "templates"]
 templates_path = ["templates"]
@@ -46,7 +49,6 @@ copybutton_exclude = ".linenos, .gp, .go"
 
 # Every script of examples/gallery runs once, and again when it has changed; what it
 # draws is shown beside it. -D plot_gallery=0 shows the scripts alone.
-sys.path.insert(0, str(Path(__file__).parent))
 sphinx_gallery_conf = {
     "examples_dirs": "../examples/gallery",
     "subsection_order": [
