@@ -137,6 +137,17 @@ def _skip_front_door(app, what, name, obj, skip, options):
     return True if what == "module" and _is_at_front_door(name, obj) else None
 
 
+def _skip_nameless_fields(app, what, name, obj, skip, options):
+    """Fields of named tuples have their texts under Variables."""
+    alias = str(getattr(obj, "__doc__", "")).startswith("Alias for field number")
+    return True if alias or name == "model_config" else None
+
+
+def _drop_model_signature(app, what, name, obj, options, signature, returned):
+    """A case's sections with their validators are no signature that anybody reads."""
+    return ("", None) if hasattr(obj, "model_fields") else None
+
+
 def _is_at_front_door(name, obj):
     return name in pinograsp.__all__ and getattr(pinograsp, name) is obj
 
@@ -163,5 +174,7 @@ def setup(app):
     app.connect("autodoc-process-docstring", _plain_bars)
     app.connect("autodoc-process-docstring", _link_front_door)
     app.connect("autodoc-skip-member", _skip_front_door)
+    app.connect("autodoc-skip-member", _skip_nameless_fields)
+    app.connect("autodoc-process-signature", _drop_model_signature)
     app.add_config_value("search_keywords", {}, "env", types=(dict,))
     app.connect("doctree-read", _add_keywords)

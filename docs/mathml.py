@@ -25,8 +25,7 @@ def write_formula(formula: str, *, display: str = "inline") -> str:
     Raises:
         ExtensionError: a command that the converter does not know.
     """
-    for command, same in _SAME.items():
-        formula = re.sub(re.escape(command) + r"(?![A-Za-z])", lambda _: same, formula)
+    formula = re.sub(r"\\[A-Za-z]+", lambda one: _SAME.get(one[0], one[0]), formula)
     written = convert(formula, display=display)
     if left := re.search(r"\\[A-Za-z]+", written):
         raise ExtensionError(f"{left[0]} has no MathML, in the formula {formula}")
@@ -45,5 +44,6 @@ def _write_block(writer: Any, node: nodes.math_block) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
+    """What Sphinx calls first."""
     app.add_html_math_renderer("mathml", (_write_inline, None), (_write_block, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}
