@@ -14,7 +14,7 @@ from 0.4 to 0.9, and the direction of gravity.
   reserve; the planner's own largest load is 0.5 to 0.9 of the object's weight. The hand does the best it can: it is
   planned for 0.98 of the largest load, and simulated with the real one. Where a link without a contact is nearer than
   5 mm the object may come to rest on it within what counts as held, which the planner does not speak of: these are
-  counted by themselves, and so are plans with a remark (cautions, or a motion that cannot follow the forces).
+  counted by themselves, and so are plans with a remark (warnings, or a motion that cannot follow the forces).
 
 Draws without a placement or without feasible forces, and of the first kind those without a plan that is ok, are drawn
 again, at most 40 times; how often is told. ``--count`` of both kinds. Writes random_cases.csv beside this file as the
@@ -257,7 +257,7 @@ def summary(rows: list[dict]) -> str:
 
     for said, own in (
         ("feasible with reserve", ours),
-        ("without a caution", [row for row in ours if not row["remark"]]),
+        ("without a warning", [row for row in ours if not row["remark"]]),
     ):
         held, strictly = (sum(holds(row, *limits) for row in own) for limits in ((5.0, 10.0), (2.0, 5.0)))
         say(said, own, f"{held} held", f"{strictly} held")

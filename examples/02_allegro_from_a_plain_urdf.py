@@ -15,5 +15,5 @@ print(f"{len(found.grasps)} of {found.tried} samples hold; the best {best.load_f
 plan = pg.plan_grasp_on(best.closure.hand, best.closure, conditions)
 print(plan.status, plan.contacts.names, plan.forces.normal_forces.round(3), "N")
 print(f"peak torque {plan.motion.peak_torque:.3f} N m")
-for caution in plan.cautions:
-    print("caution:", caution)
+for warning in plan.cautions:
+    print("warning:", warning)

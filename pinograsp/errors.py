@@ -280,7 +280,7 @@ class _Meaning(NamedTuple):
 # Exceptions of several lines' kinds mean the first of them.
 _MEANINGS = {
     Status.OK: _Meaning(
-        0, "forces are proven, a motion is found, and only the cautions cast doubt on the plan", "", _HELD
+        0, "forces are proven, a motion is found, and only the warnings cast doubt on the plan", "", _HELD
     ),
     Status.UNBALANCED: _Meaning(
         0,

@@ -48,7 +48,7 @@ class _Page:
         rows: its rows.
         colours: of the first column's dots, those of the picture's contacts.
         facts: name and value.
-        remarks: cautions, notes.
+        remarks: warnings, notes.
         seen: the picture's content, found when it is drawn; None: no picture.
     """
 
@@ -140,7 +140,7 @@ def _(plan: PlanRecord) -> _Page:
             ("t_I, t_F", f"{forces.impact_time:g}, {forces.final_time:g} s"),
             ("proven optimal", proven),
         ),
-        remarks=[*(f"caution: {one}" for one in plan.cautions), *_notes(plan.notes)],
+        remarks=[*(f"warning: {one}" for one in plan.cautions), *_notes(plan.notes)],
         seen=lambda: Seen(
             hand=plan.require_hand(),
             q=plan.motion.q[-1],
@@ -317,7 +317,7 @@ def _(plan: CarryPlan) -> _Page:
             ("withstands besides", f"{plan.disturbance[0]:.3g} N in any direction"),
             ("binds", "; ".join(f"{what} ({100 * share:.0f} %)" for what, share in plan.shares()[:4])),
         ),
-        remarks=[*(f"caution: {one}" for one in plan.cautions), *_notes(plan.notes)],
+        remarks=[*(f"warning: {one}" for one in plan.cautions), *_notes(plan.notes)],
         seen=make_view,
     )
 

@@ -153,7 +153,7 @@ def test_report_again_with_the_newest_check(run, tmp_path, monkeypatch):
 
 
 def sure(plan):
-    """The plan as one that bears something besides its load, and has no cautions."""
+    """The plan as one that bears something besides its load, and has no warnings."""
     return replace(plan, cautions=(), margins=replace(plan.margins, disturbance=1.0))
 
 
@@ -165,7 +165,7 @@ def test_the_answer_heeds_moments_cautions_and_the_newest_simulation(run, simula
         (plain, "held", "yes", "Held in simulation"),
         (plain, "lost", "no", "No. Lost in simulation: it fell."),
         (plain, "disturbed", "caution", "under disturbances"),
-        (replace(plain, cautions=("thumb slides",)), None, "caution", "Yes, with cautions"),
+        (replace(plain, cautions=("thumb slides",)), None, "caution", "Yes, with warnings"),
         (replace(plain, margins=run.margins), None, "caution", "Barely: "),
         (replace(plain, margins=run.margins), "held", "caution", "besides. Held in simulation."),
         (replace(plain, balance="force"), None, "caution", "Not certain: moments are not balanced"),

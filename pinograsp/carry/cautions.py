@@ -1,4 +1,4 @@
-"""What speaks against a carry plan although its forces balance all loads: cautions, in words."""
+"""What speaks against a carry plan although its forces balance all loads: warnings, in words."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pinograsp.spatial import Array
 # [m, rad] under loads that come slowly, half of what counts as lost: those that come at once give twice as much.
 _SWAYS = (2.5e-3, np.radians(5.0))
 _SERVOS = "with servos of"
-OWN = "the grasp's own plan is doubtful:"  # how cautions that are the grasp's begin
+OWN = "the grasp's own plan is doubtful:"  # how warnings that are the grasp's begin
 _HALF_TURN = np.pi + 1e-3  # [rad] as few digits give it
 
 

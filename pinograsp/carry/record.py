@@ -111,7 +111,7 @@ class CarryRecord:
 
     @property
     def status(self) -> Status:
-        """``OK``; ``DOUBTFUL`` with cautions."""
+        """``OK``; ``DOUBTFUL`` with warnings."""
         return Status.DOUBTFUL if self.cautions else Status.OK
 
     @property
@@ -165,7 +165,7 @@ class CarryRecord:
         ]
         for what, first, last in self.stretches():
             lines.append(f"    {self.times[first]:.3g} to {self.times[last + 1]:.3g} s: {what}")
-        lines += [f"  caution: {one}" for one in self.cautions]
+        lines += [f"  warning: {one}" for one in self.cautions]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
     def shares(self) -> list[tuple[str, float]]:

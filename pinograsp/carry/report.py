@@ -35,7 +35,7 @@ def report_carry(plan: CarryPlan, figures: Sequence[str] = (), simulation: Simul
         answers=_answer(plan, simulation),
         figures=shown,
         sections=[
-            *list_section("Cautions", plan.cautions),
+            *list_section("Warnings", plan.cautions),
             *list_section("Notes", plan.notes),
             Section(title="Limits that bind along the path", columns=("time [s]", "limit"), rows=stretches),
             list_contacts(plan),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pinograsp.carry import CarryPlan, CarryScenario
     from pinograsp.plan import Simulation
 
-_SHOWN, _REMARKS = 6, 3  # stretches of the way, cautions and notes on the first screen
+_SHOWN, _REMARKS = 6, 3  # stretches of the way, warnings and notes on the first screen
 _SHIFTS = ("com_x", "com_y", "com_z")
 
 _way = partial(option, "The way")
@@ -169,7 +169,7 @@ def _print(plan: CarryPlan, simulation: Simulation | None, folder: Path, session
     if not session.verbose and len(stretches) > _SHOWN:
         shares = [("binds", f"{100 * share:.0f} % of the time: {what}") for what, share in plan.shares()]
         stretches = shares[:_SHOWN]
-    remarks = [*(("caution", one) for one in plan.cautions), *(("note", one) for one in plan.notes)]
+    remarks = [*(("warning", one) for one in plan.cautions), *(("note", one) for one in plan.notes)]
     if not session.verbose and len(remarks) > _REMARKS:
         left = len(remarks) - _REMARKS
         remarks = [*remarks[:_REMARKS], ("remarks", f"{left} more, in the report")]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pinograsp.pick import PickPlan, PickSimulation, PlaceRegion
     from pinograsp.spatial import Array
 
-_REMARKS = 3  # cautions on the first screen
+_REMARKS = 3  # warnings on the first screen
 _PLACE = "x,y,z\\[,roll,pitch,yaw] of its frame, or x,y if it stands on the table \\[m, deg]"
 _REGION = "or anywhere in x1:x2,y1:y2\\[,z]"
 
@@ -199,7 +199,7 @@ def _print(plan: PickPlan, simulation: PickSimulation | None, folder: Path, sess
     """Phases, and at the end whether it goes."""
     facts = [(phase.name, f"{phase.duration:.3g} s") for phase in plan.phases]
     cautions = list(plan.cautions if session.verbose else plan.cautions[:_REMARKS])
-    facts += [("caution", one) for one in cautions]
+    facts += [("warning", one) for one in cautions]
     squeeze = plan.carry.squeeze
     answers = [
         ("Is it possible?", f"{plan.status}: {plan.duration:.3g} s, after {plan.tried} grasps"),

@@ -353,7 +353,7 @@ def print_plan(plan: GraspPlan, folder: Path, session: Session, *, published: bo
     from pinograsp.plan.answer import describe_robustness, describe_trial, does_it_hold, friction_used, shares
     from pinograsp.report import list_details, summarize
 
-    remarks = [("caution", text) for text in plan.cautions]
+    remarks = [("warning", text) for text in plan.cautions]
     if session.verbose:
         facts = [*(("note", text) for text in plan.notes), *list_details(plan), *summarize(plan), *remarks]
     else:

@@ -30,7 +30,7 @@ _CLEAR = 1e-4  # [m] where the hull is farther off than this, the part's own dis
 _TILT = 1e-3  # [rad] tilt that separates the corners of a flat contact
 _MOST_SHAPES = 500
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3))).T  # of a box (3, 8)
-HOLLOW = 1e-3  # [m] between a link and its convex hull: worth a caution
+HOLLOW = 1e-3  # [m] between a link and its convex hull: worth a warning
 _POINT = coal.Sphere(1e-7)
 _PATCH = 1e-3  # [m] corners nearer to each other are one: curved bodies of up to a metre's radius touch at a point
 

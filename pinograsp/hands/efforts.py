@@ -11,7 +11,7 @@ from pinograsp.hands.model import HandModel
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 # Share of the largest torque that drives, which are fewer than the joints, may leave undone: friction and reserve bear
-# a few per cent. Beyond it a plan has a caution, and its commands are refused.
+# a few per cent. Beyond it a plan has a warning, and its commands are refused.
 SHORTFALL = 0.05
 _ROUNDING = 1e-3  # share of the largest effort: forces lie on their limits
 _STEPS = 2.0  # of an encoder: a servo that is sent less makes its force by chance

@@ -105,7 +105,7 @@ class PickRecord:
         for phase in self.phases:
             more = f", squeezing with {squeeze.min():.3g} to {squeeze.max():.3g} N" if phase.name == "carry" else ""
             lines.append(f"{phase.name}: {phase.duration:.3g} s{more}")
-        return lines_of(*lines, *(f"caution: {one}" for one in self.cautions))
+        return lines_of(*lines, *(f"warning: {one}" for one in self.cautions))
 
     def find_supports(self) -> set[str]:
         """Names of the obstacles on which the object stands, at the start and at the target."""
@@ -113,7 +113,7 @@ class PickRecord:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Cautions of the grasp and of the path with the object, each once."""
+        """Warnings of the grasp and of the path with the object, each once."""
         own = [one for one in self.carry.cautions if not one.startswith(OWN)]  # these are the grasp's
         return tuple(dict.fromkeys((*self.grasp.cautions, *own)))
 

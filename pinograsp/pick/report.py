@@ -27,7 +27,7 @@ def report_pick(plan: PickRecord, figures: Sequence[str] = (), simulation: PickS
         answers=_answer(plan, simulation),
         figures=[Picture(name, "The middle of the path with the object") for name in figures],
         sections=[
-            *list_section("Cautions", plan.cautions),
+            *list_section("Warnings", plan.cautions),
             Section(
                 title="Phase by phase",
                 columns=("phase", "what", "time [s]", "total normal force [N]", "largest share of torque", "of speed"),

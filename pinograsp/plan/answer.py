@@ -22,7 +22,7 @@ Level = Literal["yes", "caution", "no"]
 ANSWERS: dict[str, str] = {
     "Yes": "forces and moments are in balance with the load, nothing casts doubt on the plan, and the object was held "
     "if the plan was simulated",
-    "Yes, with cautions": "the same, but the plan has cautions: what its promise does not cover, each in words",
+    "Yes, with warnings": "the same, but the plan has warnings: what its promise does not cover, each in words",
     "Barely": f"the load is held, but in some direction an additional push of less than {100 * WEAK:g} % of the weight "
     "is too much: plan with a reserve",
     "Almost": "forces balance the load except for a small residual, which the answer gives in newtons: a grid search "
@@ -41,7 +41,7 @@ ANSWERS: dict[str, str] = {
 _GRAVITY = 9.80665  # [m/s^2]: one g
 _LOAD = "the contact forces hold the load"
 _NOT_SIMULATED = "Not simulated yet."
-SIMULATED = "simulated ("  # how notes and cautions begin that tell of a simulation
+SIMULATED = "simulated ("  # how notes and warnings begin that tell of a simulation
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ def does_it_hold(plan: PlanRecord, simulation: Simulation | None = None) -> Answ
     if plan.margins is not None and plan.margins.spares_nothing(plan.weight):
         return _answer("caution", "Barely", f": {_LOAD}, and less than {100 * WEAK:g} % of the weight besides.{tried}")
     if plan.cautions:
-        return _answer("caution", "Yes, with cautions", f": {_LOAD}, forces and moments in balance.{tried}")
+        return _answer("caution", "Yes, with warnings", f": {_LOAD}, forces and moments in balance.{tried}")
     return _answer("yes", "Yes", f". {_LOAD[0].upper()}{_LOAD[1:]}, forces and moments in balance.{tried}")
 
 

@@ -102,7 +102,7 @@ class PlanRecord:
         return self.describe()
 
     def describe(self) -> str:
-        """Status, normal forces, timing, peak efforts, robustness, cautions and notes, as readable text."""
+        """Status, normal forces, timing, peak efforts, robustness, warnings and notes, as readable text."""
         names, forces = self.contacts.names, self.forces
         said = f"{self.name}: {self.status}"
         held = (
@@ -117,7 +117,7 @@ class PlanRecord:
             f"{self.peak_efforts()}; residual {forces.residual_force:.1e} N, {forces.residual_moment:.1e} N m",
             held,
             "" if self.tolerance is None else f"the object is held {self.tolerance.describe()}",
-            *(f"caution: {one}" for one in self.cautions),
+            *(f"warning: {one}" for one in self.cautions),
             *(f"note: {one}" for one in self.notes),
         )
 

@@ -14,7 +14,7 @@ from pinograsp.spatial import Array
 from pinograsp.words import format_number
 
 _LEAST = 3e-3  # [m] below which a grasp asks for a well-placed object
-SMALL = "the object must be well placed: it is held"  # how the caution of that begins
+SMALL = "the object must be well placed: it is held"  # how the warning of that begins
 SMALLEST = 0.5  # of the error that is asked about: what is tried first
 
 

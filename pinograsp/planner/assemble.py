@@ -1,4 +1,4 @@
-"""The record of what was planned: forces and motion as numbers and names, cautions, the failure of a search."""
+"""The record of what was planned: forces and motion as numbers and names, warnings, the failure of a search."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from pinograsp.planner.grasp_plan import GraspPlan
 from pinograsp.planner.overshoot import tell_caps
 from pinograsp.spatial import Array
 
-_SLIDES = 1e-4  # [m] across the normal: worth a caution
+_SLIDES = 1e-4  # [m] across the normal: worth a warning
 _GRAZES = 0.1  # of the largest depth: a link that is less deep presses with less than 3 % of the force there
 _ROUNDING = 1e-3  # forces lie on their limits
 _OTHER = 0.03  # share of a force from which on it is another one

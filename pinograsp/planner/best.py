@@ -72,7 +72,7 @@ def plan_best(
         progress: bar on stderr: None (on a terminal), True or False.
         check: also simulate the plan, at rest and then shaken with half of what its reserve withstands; this takes
             some seconds, more for meshes that are not convex. If it is lost, the next one is simulated: lost plans come
-            last, with a caution; held ones have a note.
+            last, with a warning; held ones have a note.
 
     Returns:
         The first plan that is ``OK``, and held if it is checked; if there is none, the plan of the best grasp that

@@ -16,7 +16,7 @@ from pinograsp.plan import Motion
 from pinograsp.spatial import Array
 
 _ROUNDING = 1e-3  # forces lie on their limits
-_LABOURS = 0.9  # share of a torque limit: worth a caution
+_LABOURS = 0.9  # share of a torque limit: worth a warning
 # Of a limit that is a guess: those that could be compared with a maker's figure were 1.4 to 21 times too large.
 _GUESSED = 0.5
 _BEARS = 1e-6  # share of the largest effort

@@ -87,7 +87,7 @@ class GraspPlan(PlanRecord):
         return "friction" if self.reserve is None else "elastic"
 
     def with_margins(self) -> GraspPlan:
-        """Return the same plan with its margins, what the grasp withstands besides its load, and their cautions; takes
+        """Return the same plan with its margins, what the grasp withstands besides its load, and their warnings; takes
         0.1 s.
         """
         if self.margins is not None:
@@ -103,7 +103,7 @@ class GraspPlan(PlanRecord):
         return self if self.reach is not None else replace(self, reach=find_reach(self.solution, self._reaction()))
 
     def with_tolerance(self, error: PoseError | None = None) -> GraspPlan:
-        """Return the same plan with its tolerance to a misplaced object, and a caution if that is less than 3 mm, or if
+        """Return the same plan with its tolerance to a misplaced object, and a warning if that is less than 3 mm, or if
         the object drops before the squeeze holds it: see :func:`~pinograsp.planner.find_tolerance`. The plan does not
         change if it is not ``OK``, if the contacts were given, without the compiled core, or if the core does not know
         the geometry.
@@ -414,7 +414,7 @@ class GraspPlan(PlanRecord):
 
 
 def add_tolerance(plan: GraspPlan, found: PoseTolerance | None, drop: float | None = None) -> GraspPlan:
-    """The plan with its tolerance, and the cautions of a small one and of a far ``drop`` of the object [m], which is
+    """The plan with its tolerance, and the warnings of a small one and of a far ``drop`` of the object [m], which is
     found if it is not known; as it is without a tolerance.
     """
     if found is None:

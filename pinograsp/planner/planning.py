@@ -42,7 +42,7 @@ def plan_grasp(
         problem: contacts (of this hand), load, friction and limits.
         options: how to search.
         torque_limit: the convex search keeps the holding torques at t_F within it: largest |torque| (n,) or one number
-            [N m], or ``"effort"``: the hand's own effort limits (joints without one are not limited: a caution names
+            [N m], or ``"effort"``: the hand's own effort limits (joints without one are not limited: a warning names
             them); None: the problem's own limits, if it has any.
         reserve: what the forces withstand besides the problem's load, for a problem with an object and the convex
             search only.

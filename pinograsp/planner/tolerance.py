@@ -16,7 +16,7 @@ from pinograsp.plan import PlanRecord
 from pinograsp.plan.simulation import MOVED
 from pinograsp.plan.tolerance import PoseError, PoseTolerance
 
-DROPS = "the object drops"  # how the caution of that begins
+DROPS = "the object drops"  # how the warning of that begins
 _FINE = 1e-3  # [s] steps of an object that falls for hundredths of a second
 _BEFORE = 0.05  # [s] that its fixed object is closed on before it is let go
 
@@ -85,7 +85,7 @@ def find_drop(plan: PlanRecord) -> float:
 
 
 def tell_drop(drop: float) -> str | None:
-    """The caution of an object that drops far [m], in words; None of others."""
+    """The warning of an object that drops far [m], in words; None of others."""
     if drop <= MOVED:
         return None
     far = f"by {1e3 * drop:.2g} mm" if np.isfinite(drop) else "out of the hand"

@@ -45,7 +45,7 @@ def report_plan(plan: PlanRecord, figures: Sequence[str] = (), simulation: Simul
     rest = [figure for figure in shown if figure not in first]
     sections = [
         *([Section(title="", text=f"{plan.status}: {plan.remedy}")] if plan.remedy else []),
-        *list_section("Cautions", plan.cautions),
+        *list_section("Warnings", plan.cautions),
         *list_section("Notes", plan.notes),
         _contacts(plan),
         _torques(plan),

@@ -34,7 +34,7 @@ def torques(scene: ViewScene, frame: int) -> str:
 
 
 def foot(scene: ViewScene) -> str:
-    """What does not change over time: margins of the grasp, and cautions."""
+    """What does not change over time: margins of the grasp, and warnings."""
     return _render("foot", scene)
 
 

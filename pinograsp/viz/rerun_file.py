@@ -26,7 +26,7 @@ def write_rerun(scene: ViewScene, path: str | Path) -> Path:
     On the timeline ``time`` [s] it has below ``world`` the solids of hand and object, the contact forces and the load
     as arrows, ``scene.force_scale`` metres per newton, and below ``world/simulation`` the same of a simulation, beside
     the plan. Time series are ``normal/CONTACT`` and ``tangential/CONTACT`` [N], ``torques/JOINT`` [N m or N] and
-    ``positions/JOINT`` [rad or m]; the text ``summary`` has answer, facts and cautions.
+    ``positions/JOINT`` [rad or m]; the text ``summary`` has answer, facts and warnings.
 
     Args:
         scene: as of :func:`~pinograsp.viz.scene.make_scene`.

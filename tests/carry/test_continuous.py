@@ -122,7 +122,7 @@ def test_simulated_it_hits_no_limit(arm, grasp):
 
 
 def test_a_way_round_between_two_waypoints_is_told(arm, grasp):
-    """Angles that a driver wraps: the numbers say nearly a whole turn back, and that is planned, with a caution."""
+    """Angles that a driver wraps: the numbers say nearly a whole turn back, and that is planned, with a warning."""
     plan = plan_carry(arm, grasp, {"turn": [3.0, -3.0]}, **FREE)
     assert plan.duration >= 6.0 / SPEED
     assert any("turn" in one and "343.8 deg" in one for one in plan.cautions)

@@ -252,7 +252,7 @@ def test_a_robot_without_the_hand(grasp):
 
 
 def test_motors_of_the_arm_that_act_one_way_are_told(arm, grasp, carried):
-    """A motor that can only act against the torques of the path is a caution, one that acts with them is none."""
+    """A motor that can only act against the torques of the path is a warning, one that acts with them is none."""
     i = arm.joint_names.index("panda_joint2")
     ways = np.sign(carried.torques[:, i])
     for sign in (1.0, -1.0):

@@ -71,7 +71,7 @@ def test_what_is_too_long_for_it_is_behind_options(command):
     assert table and len(table[0].split()) == 7  # a row is a line
     code, out, _ = command("plan", "paper", "-v", *LIGHT)
     shown = " ".join(out.split())
-    for there in ("multipliers k1, k2", "Ferrari-Canny", "note limits of thumb_abduction", "caution its weakest"):
+    for there in ("multipliers k1, k2", "Ferrari-Canny", "note limits of thumb_abduction", "warning its weakest"):
         assert there in shown
     assert "Comparison" not in out and max(map(len, out.splitlines())) <= 80
     assert out.rindex("Does it hold?") < out.rindex("Next") and "..." not in out
@@ -133,7 +133,7 @@ def test_many_contacts_and_cautions_fit_too(command, tmp_path, capsys, monkeypat
     plan = pg.plan_grasp_on(hand, box, pg.GraspConditions(mu=0.6)).with_margins()
     capsys.readouterr()
     print_plan(
-        replace(plan, cautions=("a long caution " * 40,) * 9, notes=("a note",) * 5), tmp_path / ("x" * 100), Session()
+        replace(plan, cautions=("a long warning " * 40,) * 9, notes=("a note",) * 5), tmp_path / ("x" * 100), Session()
     )
     out = capsys.readouterr().out
     assert len(out.splitlines()) <= 22 and "in the report" in out

@@ -70,7 +70,7 @@ def test_each_of_two_jaws_presses_with_its_own_effort(tmp_path, effort):
 
 
 def test_torques_beyond_a_limit_that_was_left_out(tmp_path):
-    """Planned without torque limits, jaws of 10 N that press with 25 N: a caution, once, in newtons."""
+    """Planned without torque limits, jaws of 10 N that press with 25 N: a warning, once, in newtons."""
     hand = gripper(tmp_path, effort=10.0)
     conditions = pg.GraspConditions(mu=0.7, torque_limit=None)
     plan = pg.plan_grasp_on(hand, block(hand, 2.0), conditions)

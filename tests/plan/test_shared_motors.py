@@ -1,4 +1,4 @@
-"""Plans on hands whose joints share motors: cautions where these cannot make the torques."""
+"""Plans on hands whose joints share motors: warnings where these cannot make the torques."""
 
 from __future__ import annotations
 

@@ -385,7 +385,7 @@ def test_depth_of_a_ball_in_a_ball():
         assert normal[0] == pytest.approx(outward, abs=1e-5)
 
 
-# -- cautions, the naive grasp -----------------------------------------------------------------------------------------
+# -- warnings, the naive grasp -----------------------------------------------------------------------------------------
 
 
 def test_cautions_say_what_the_plan_does_not_cover(plan):
