@@ -15,7 +15,7 @@ using Clock = std::chrono::steady_clock;
 int main(int count, char** arguments) {
     const double seconds = count > 1 ? std::atof(arguments[1]) : 2.0;
     const int ticks = static_cast<int>(seconds / grasp::period);
-    auto loop = grasp::make_loop();  // takes all memory; the loop takes none
+    auto loop = grasp::make_loop();  // allocates all memory; the loop allocates none
     std::vector<double> spent(ticks);
     int held = 0;
     auto due = Clock::now();
