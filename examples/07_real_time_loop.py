@@ -28,7 +28,7 @@ print(f"a step takes {1e6 * np.median(spent):.0f} us, at worst {1e6 * max(spent)
 
 for _ in range(100):
     forces, torques, status = online.step(3 * load, q=q)
-print(f"three times the load: {status}, left over {np.linalg.norm(online.residual[:3]):.2f} N")
+print(f"three times the load: {status}, residual {np.linalg.norm(online.residual[:3]):.2f} N")
 online.engage("middle", False)
 for _ in range(100):
     forces, torques, status = online.step(0.3 * load, q=q)

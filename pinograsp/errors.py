@@ -204,8 +204,8 @@ class SearchInterrupted(SearchFailed):
 class CarryInfeasible(SearchFailed):
     """No timing of a path holds the object, or the given one does not: proven.
 
-    ``at`` is a path parameter at which no forces exist, ``factor`` the possible speed over that of the given timing, 0
-    if even rest is impossible.
+    ``at`` is a path parameter at which no forces within the limits hold the load, ``factor`` the possible speed
+    over that of the given timing, 0 if even rest is impossible.
     """
 
     def __init__(self, message: str, *, at: float, solution: Any, factor: float = 0.0):
@@ -317,8 +317,8 @@ _MEANINGS = {
     ),
     Status.INFEASIBLE: _Meaning(
         3,
-        "no forces exist (proven), or no point of the grid balances the load",
-        "The message of a plan, or diagnose(), names the obstacle and the changes that would suffice.",
+        "no forces within the limits hold the load (proven), or no point of the grid balances the load",
+        "The message of a plan, or diagnose(), names the cause and the changes that would suffice.",
         errors=(GraspInfeasible, CarryInfeasible),
     ),
     Status.INACCURATE: _Meaning(

@@ -222,7 +222,7 @@ def _(solution: ForceSolution) -> _Page:
     facts = [("t_I", "" if solution.impact_time is None else f"{solution.impact_time:g} s")]
     if solution.found:
         left = f"{format_number(solution.residual_force, 3)} N, {format_number(solution.residual_moment, 3)} N m"
-        facts.append(("left over", left))
+        facts.append(("residual", left))
     if isinstance(solution, ConvexSolution):
         if solution.certificate is not None:
             facts += _proof(solution.certificate, problem.contacts)

@@ -89,8 +89,9 @@ def plan_carry(
     Raises:
         InvalidInput: unusable numbers, a path of other joints than the arm's or beyond their limits, a robot without
             the grasp's hand.
-        CarryInfeasible: no timing holds the object, or the given one does not: at a point of the path no forces exist
-            (proven), or no squeeze of that kind exists. ``factor`` is the possible speed over the given one.
+        CarryInfeasible: no timing holds the object, or the given one does not: at a point of the path no forces
+            within the limits hold the load (proven), or no squeeze of that kind exists. ``factor`` is the possible
+            speed over the given one.
         CarryUndecided: none was found, but it is not proven that none exists.
     """
     started = time.perf_counter()

@@ -202,7 +202,8 @@ class ConvexSolution(ForceSolution):
     Attributes:
         weights: the objective, ``{name: weight}``.
         certificate: proof of optimality, None without forces.
-        infeasibility: proof that no forces exist; None with forces, or if no proof was found.
+        infeasibility: proof that no forces within the limits hold the load; None with forces, or if no proof was
+            found.
     """
 
     weights: dict[str, float] = field(default_factory=dict)

@@ -70,7 +70,7 @@ def plan_best(
         jobs: processes, which plan the next grasps meanwhile; -1: all cores. One outside the main thread, on other
             systems than Linux, and for grids. The result is the same.
         progress: bar on stderr: None (on a terminal), True or False.
-        check: also simulate the plan, at rest and then shaken with half of what its reserve withstands; this takes
+        check: also simulate the plan, at rest and then shaken with half of what its reserve covers; this takes
             some seconds, more for meshes that are not convex. If it is lost, the next one is simulated: lost plans come
             last, with a warning; held ones have a note.
 

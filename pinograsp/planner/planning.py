@@ -53,8 +53,8 @@ def plan_grasp(
             within its net-force limit; ``JOINT_LIMIT`` or ``NOT_TRACKED`` if the motion is at fault; ``INTERRUPTED``.
 
     Raises:
-        GraspInfeasible: no forces exist; the error has the search record and the reason: the grid's rejection
-            histogram, or the convex search's proof with its diagnosis.
+        GraspInfeasible: no forces within the limits hold the load; the error has the search record and the reason: the
+            grid's rejection histogram, or the convex search's proof with its diagnosis.
         GraspUndecided: no forces were found, but it is not proven that none exist.
         SearchInterrupted: stopped (Ctrl-C) before any forces were found.
         InvalidInput: an objective or torque limit without the convex search.

@@ -94,7 +94,7 @@ class FoundGrasp:
     _repr_html_ = in_notebook
 
     def __str__(self) -> str:
-        borne = f"a squeeze of {self.squeeze:.3g} N" if self.withstands else "no squeeze that withstands the reserve"
+        borne = f"a squeeze of {self.squeeze:.3g} N" if self.withstands else "no squeeze that has the reserve"
         on_edges = (
             f", {100 * self.doubtful:.0f} % of it on doubtful contacts" if self.doubtful and self.withstands else ""
         )

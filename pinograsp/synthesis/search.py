@@ -129,7 +129,7 @@ class GraspSearch:
         samples = _count(self.tried, "sample")
         if self.grasps:
             good = sum(grasp.withstands for grasp in self.grasps)
-            which = "" if good == len(self.grasps) else f" ({good} with a squeeze that withstands the reserve)"
+            which = "" if good == len(self.grasps) else f" ({good} with a squeeze that has the reserve)"
             grasps = _count(len(self.grasps), "grasp")
             text = f"{grasps}{which} from {samples}, the best of every {BATCH} moved about. As drawn: {counts}"
             remark = [] if good else [self.size_remark, *advice]
@@ -323,7 +323,7 @@ def _say_unmet(case: SearchCase, names: tuple[str, ...], found: list[FoundGrasp]
     size = alone.describe_parts() if {"within", "touching"} & set(names) else ""
     if not nearest:
         nearest = "does all else" if "tasks" in names else "is as wished: more samples, or another seed, may find it"
-    held = "hold the object" if case.conditions.reserve is None else "withstand the reserve"
+    held = "hold the object" if case.conditions.reserve is None else "keep the reserve"
     count = f"{_count(len(found), 'grasp')} {held if len(found) > 1 else held.replace(' ', 's ', 1)}"
     return f"{lead} in the way: without, {count}, and the nearest {nearest}{size}"
 
