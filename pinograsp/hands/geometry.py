@@ -29,6 +29,7 @@ from pinograsp.spatial import FARTHEST, Array, IntArray
 
 # [kg/m^3] of links without mass: most of a hand is lighter than its hull would be, so this is on the heavy side.
 DENSITY = 1000.0
+UNSEEN = "so these links cannot touch anything"  # in notes
 _RING = 12  # points round a circle
 # A link whose mesh is drawn in metres is not so many times as large as its joints are apart or slide. Joints may sit in
 # one place, with all distances in the meshes: then as large as this [m], half a finger.
@@ -104,7 +105,7 @@ def collision_geometry(model: pin.Model, shapes: list[Shape], notes: list[str]) 
         geometry.addGeometryObject(one)
     unit = _in_metres(model, geometry, notes)
     if broken:
-        notes.append(f"meshes that cannot be read, so these links cannot touch anything: {', '.join(broken)}")
+        notes.append(f"meshes that cannot be read, {UNSEEN}: {', '.join(broken)}")
     return geometry, unit
 
 

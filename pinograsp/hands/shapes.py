@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from pinograsp.hands.elements import LEAST
 from pinograsp.hands.file_reads import is_there
-from pinograsp.hands.geometry import Kind, Shape, Triangles, read_mesh
+from pinograsp.hands.geometry import UNSEEN, Kind, Shape, Triangles, read_mesh
 from pinograsp.hands.ros_packages import Packages
 from pinograsp.hands.urdf_file import CAPSULE, ELLIPSOID, NO_SHAPE
 from pinograsp.spatial import FARTHEST
@@ -70,10 +70,7 @@ def read_shapes(robot: yourdfpy.Robot, names: MeshNames, notes: list[str]) -> li
     if coarse:
         notes.append(f"coarse shapes for checks of self-collision are left out: {', '.join(coarse)}")
     if missing:
-        notes.append(
-            f"meshes not found, so these links cannot touch anything (packages= gives the folders of ROS packages): "
-            f"{', '.join(missing)}"
-        )
+        notes.append(f"meshes not found, {UNSEEN} (packages= gives the folders of ROS packages): {', '.join(missing)}")
     if void:
         notes.append(f"shapes left out: {', '.join(void)}")
     return shapes

@@ -69,7 +69,8 @@ class OnlineForces:
             ``invalid="keep"``, an unusable tick, which changed nothing.
         steps: Newton steps of the last tick.
         names: names of the contacts.
-        least, largest: limits of F_n (k,) [N], which you may change between ticks.
+        least, largest: limits of F_n (k,) [N], which you may change between ticks: ``online.largest = 5.0`` for all
+            contacts, checked; or one of them in place, ``online.largest[0] = 5.0``, unchecked.
 
     The other arrays are overwritten by the next step: copy what must stay.
 
@@ -161,8 +162,7 @@ class OnlineForces:
         loop.com[:] = problem.contacts.com_o
         self._place(problem.contacts.points_o, problem.contacts.rotations_oc)
         loop.rub(np.array(problem.mu))
-        self.least, self.largest = loop.least, loop.largest
-        self.least[:], self.largest[:] = least, largest
+        loop.least[:], loop.largest[:] = least, largest
         if hand is not None:
             # Pinocchio's own memory: it follows the posture.
             loop.hand(self._data.J.T.reshape(-1), self._gravity)
@@ -192,6 +192,26 @@ class OnlineForces:
             "stops": [] if under is None else under.stops.tolist(),
             "borne": 0.0 if under is None else float(under.friction),
         }
+
+    @property
+    def least(self) -> Array:
+        """Least F_n of the contacts (k,) [N], from the next tick on."""
+        least: Array = self._loop.least
+        return least
+
+    @least.setter
+    def least(self, given: ArrayLike) -> None:
+        self._loop.least[:] = self._range((given, self.largest))[0]
+
+    @property
+    def largest(self) -> Array:
+        """Largest F_n of the contacts (k,) [N], from the next tick on."""
+        largest: Array = self._loop.largest
+        return largest
+
+    @largest.setter
+    def largest(self, given: ArrayLike) -> None:
+        self._loop.largest[:] = self._range((self.least, given))[1]
 
     @property
     def steps(self) -> int:

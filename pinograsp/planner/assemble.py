@@ -28,6 +28,7 @@ from pinograsp.forces import (
 )
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.efforts import effort_shares
+from pinograsp.hands.geometry import UNSEEN
 from pinograsp.motion.torques import drives_limit
 from pinograsp.objects.body import Body
 from pinograsp.plan import (
@@ -230,6 +231,7 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, unstable
     problem, contacts, cautions = solution.problem, solution.problem.contacts, list[str]()
     if problem.balance == "force":
         cautions.append("forces are balanced, moments are not: a free object turns (balance='wrench')")
+    cautions += [note for note in hand.notes if UNSEEN in note]
     if problem.friction.safety == 1.0:
         cautions.append("friction is used up to its limit: ask for a friction safety factor above 1")
     cautions += [

@@ -64,6 +64,8 @@ class ControlLoop:
 
     def __init__(self, task: Task, controller: Controller, sensors: Sensors, disturbance: Disturbance):
         self.task, self.controller, self.sensors = task, controller, sensors
+        if callable(reset := getattr(controller, "reset", None)):  # of what it felt in another simulation
+            reset()
         self.delay = each_of("command delay", disturbance.command_delay, task.hand.n)
         self.drive_gain = each_of("drive gain", disturbance.drive_gain, task.hand.n)
         self.latest = float(self.delay.max(initial=0.0))

@@ -56,7 +56,8 @@ def simulate(
         release: False: the object stays fixed to the end.
         body: the object, if the plan has none.
         controller: called from t_F on with the measurements (:class:`~pinograsp.reflex.Felt`); it returns the commands
-            of the drives (:class:`~pinograsp.reflex.Command`). None: as planned.
+            of the drives (:class:`~pinograsp.reflex.Command`). If it has a method ``reset``, that is called first.
+            None: as planned.
         sensors: what they measure, how late, and with what noise; None: the defaults of :class:`Sensors`.
         **settings: hold, servo, time_step, sample, support and letting_go, as for
             :class:`~pinograsp.simulation.options.SimulationOptions`.

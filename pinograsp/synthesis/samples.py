@@ -292,6 +292,8 @@ def _closure(case: SearchCase, posed: Posed, rough: bool) -> Closure:
 def _draw(case: SearchCase, rng: np.random.Generator) -> Posed | str:
     """A hand clear of the object, its fingertips about two surfaces that face each other; else why there is none."""
     pairs = case.pairs
+    if not len(pairs.widths):
+        return "no two surfaces of the object face each other"
     # Fingertips press joints that give way along a drive open; fingers that wrap close them.
     fitting = tuple(one for one in case.preshapes if one.yielded is not case.wrap)
     shapes = fitting if len(fitting) >= NEAREST // 2 else case.preshapes

@@ -98,6 +98,9 @@ class GraspSearch:
     def size_remark(self) -> str:
         """That the object is larger than the hand opens, or very small for it, in words; else nothing."""
         least, largest = self.opening
+        if not np.isfinite(self.width):
+            told = "No two surfaces of the object face each other, 0.1 mm apart or more"
+            return f"{told}; this hand opens by {1e3 * least:.3g} to {1e3 * largest:.3g} mm"
         sizes = f"its opposed surfaces are {1e3 * self.width:.3g} mm apart or more, and this hand opens by"
         if self.width > largest:
             return f"The object is too large: {sizes} {1e3 * largest:.3g} mm"

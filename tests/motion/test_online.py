@@ -637,6 +637,27 @@ def test_loads_that_grow_over_the_plans_are_held():
     assert status is Status.INFEASIBLE and forces[:, 2].max() <= 6.0 + 1e-9
 
 
+def test_limits_that_are_set_between_ticks_are_kept(plan):
+    paper = pg.load_case("paper", {"forces.search": "convex", "friction.model": "cone"}).plan()
+    online = online_of(paper)
+    load, q, planned = paper.problem.load, paper.motion.q[-1], paper.forces.normal_forces
+    online.largest = 3 * planned
+    online.least = 1.5 * planned
+    forces, _, _ = online.step(load, q=q)
+    assert np.all(forces[:, 2] > 1.5 * planned - 1e-9)
+    assert np.array_equal(online.constants()["least"], online.least)
+    for name, bad in (
+        ("least", 4 * planned),
+        ("least", -1.0),
+        ("largest", planned),
+        ("largest", np.nan),
+        ("least", [1.0]),
+    ):
+        with pytest.raises(InvalidInput):
+            setattr(online, name, bad)
+    np.testing.assert_allclose(online.least, 1.5 * planned)
+
+
 def test_unusable_settings_are_refused(plan):
     problem, _ = problem_of(3, 1, MODELS["cone"])
     for wrong, message in (

@@ -237,6 +237,20 @@ def test_blind_it_holds(plan, controller):
     assert not controller.blind
 
 
+@pytest.mark.parametrize("quantity", ["forces", "normal_forces"])
+def test_a_slip_before_the_silence_makes_it_jump_no_more(jaws, quantity):
+    controller, planned = jaws.grip_controller(latency=0.025, max_normal_force=20 * CAP), planned_of(jaws)
+    planned = planned if quantity == "forces" else planned[:, 2]
+    for i in range(112):
+        slips = float(i >= 100) * ones_of(jaws)
+        feel(controller, PERIOD * i, late=0.01, slips=slips, **{quantity: planned})
+    jumps = controller.reflexes
+    assert jumps >= 1
+    for i in range(112, 600):
+        controller.step(Felt(PERIOD * i))
+    assert controller.blind and controller.reflexes == jumps
+
+
 def test_what_is_old_or_no_number_is_not_measured(plan, controller):
     hold(plan, controller, 0.1, 0.6)
     load = controller.load.copy()

@@ -402,9 +402,10 @@ private:
             whole += normal;
             if (slips_long(i) && is_fresh(Feeling::slips)) part += normal;
         }
-        if (!(part > 0.5 * whole)) return;
+        if (blind || !(part > 0.5 * whole)) return;
         slipped_ = now_;
-        if (now_ - jumped_ <= lag() + sustained) return;  // the last jump is not felt yet
+        // The last jump is not felt yet, or nothing has been measured since.
+        if (now_ - jumped_ <= lag() + sustained || stamps_[static_cast<int>(Feeling::slips)] <= jumped_) return;
         jumped_ = now_;
         ++reflexes;
         double sum = 0.0, planned = 0.0;
