@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -224,7 +224,7 @@ def check(
     if session.as_json:
         session.print_json({**summary, "folder": str(folder.path)})
     else:
-        _print_verdict(simulation, believed, run, folder.path)
+        _print_verdict(simulation, believed, _count_lost(results), run, folder.path)
     if any(summary.get(name, {}).get("interrupted") for name in ("monte_carlo", "pose_errors")):
         raise typer.Exit(130)
     if not summary["held"]:
@@ -347,7 +347,18 @@ def _print_study(name: str, text: str, session: Session) -> None:
     tell("\n".join(["", *lines]))
 
 
-def _print_verdict(simulation: Simulation, believed: Believed | None, run: Path, folder: Path) -> None:
+def _count_lost(results: Mapping[str, Any]) -> str:
+    """How many of the trials of the studies were lost, in words; empty where none was."""
+    told = []
+    for name, what in (("monte_carlo", "with errors drawn at random"), ("pose_errors", "with the object misplaced")):
+        for one in results.get(name, {}).get("held", {}).values():
+            lost = one["trials"] - one["held"]
+            if lost:
+                told.append(f"{lost} of {one['trials']} {what}")
+    return "; ".join(dict.fromkeys(told))
+
+
+def _print_verdict(simulation: Simulation, believed: Believed | None, lost: str, run: Path, folder: Path) -> None:
     verdict = simulation.verdict
     reasons = {"Why?": "; ".join(verdict.causes), "What helps?": "; ".join(verdict.remedies)}
     commands = [(command("view", run), f"see it move{needs('viz', 'viser')}")]
@@ -357,8 +368,9 @@ def _print_verdict(simulation: Simulation, believed: Believed | None, run: Path,
         commands.append((command("check", run, "--what-holds"), "what would have held (minutes)"))
     answers = [
         ("Did it hold?", f"{'HELD' if verdict.held else 'LOST'}: {verdict.reason}"),
+        *([("Lost", lost)] if lost else []),
         *((what, text) for what, text in reasons.items() if text),
         *(() if believed is None else believed.list_answers()),
         ("Results", f"{folder / 'check.md'}, beside it check.json, check.npz, figures; and in the run's report.html"),
     ]
-    show([], answers, commands, level="yes" if verdict.held else "no")
+    show([], answers, commands, level="no" if not verdict.held else "caution" if lost else "yes")

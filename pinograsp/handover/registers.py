@@ -176,4 +176,4 @@ def _tell_rounding(hand: HandModel, held: Array, steps: Array, forces: dict[str,
 
 
 def _tidy(value: float) -> int | float:
-    return round(value) if value == round(value) else round(value, 1)
+    return round(value) if value == round(value) else float(f"{value:.6g}")
