@@ -134,6 +134,7 @@ def pick(
 def _load_robot(robot: str, mount: MountOptions, arm: ArmOptions) -> HandModel:
     """Arm and hand in one model."""
     from pinograsp.hands import attach, load_hand
+    from pinograsp.hands.attach import take_drives
     from pinograsp.hands.catalogue import CATALOGUE, file_of
 
     settings = arm.settings()
@@ -146,8 +147,10 @@ def _load_robot(robot: str, mount: MountOptions, arm: ArmOptions) -> HandModel:
     if mount.link is not None or mount.remove:
         raise InvalidInput("--link, --remove: expected with --hand, got them without")
     if robot in CATALOGUE and settings["palm"] is None and settings["root"] is None:
-        alone = load_hand(robot)
+        # The file's efforts of a hand are often no more than a simulator needs: the catalogue knows better.
+        alone = load_hand(robot, drives=settings.pop("drives"))
         settings |= {"palm": alone.palm, "fingers": {finger.name: finger.tip for finger in alone.fingers}}
+        return take_drives(load_hand(file, **settings), alone)
     return load_hand(file, **settings)
 
 

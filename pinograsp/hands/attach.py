@@ -82,7 +82,7 @@ def attach(
         one_of("link of the arm", name, [one.name for one in carrying.robot.links])
     both = _mount(_without(carrying, remove), carried, link, placement)
     robot = build_hand(both, palm=alone.palm, fingers={finger.name: finger.tip for finger in alone.fingers})
-    robot = _take_drives(robot, alone)
+    robot = take_drives(robot, alone)
     robot = replace(robot, notes=tuple(note for note in robot.notes if not note.startswith(ON_ROOT)))
     if posture is not None:
         robot = robot.with_posture(posture)
@@ -161,7 +161,7 @@ def _find_meshes(side: RobotDescription) -> dict[str, Triangles]:
     return inline
 
 
-def _take_drives(robot: HandModel, alone: HandModel) -> HandModel:
+def take_drives(robot: HandModel, alone: HandModel) -> HandModel:
     """The robot with the drives, springs and limits that the hand has by itself."""
     model, own = robot.model.copy(), alone.model
     for name in alone.joint_names:

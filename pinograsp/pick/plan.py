@@ -22,7 +22,7 @@ from pinograsp.pick.place import PlaceRegion, find_places, measure_tilts
 from pinograsp.pick.reach import PickTask, Reached, Reacher, ReachSetting
 from pinograsp.pick.ways import Patience
 from pinograsp.planner import GraspPlan, PlanOptions
-from pinograsp.planner.best import plan_each
+from pinograsp.planner.best import plan_best, plan_each
 from pinograsp.planner.planning import GraspTask
 from pinograsp.planner.stopwatch import Stopwatch
 from pinograsp.synthesis import GraspSearch, Wishes, find_grasps
@@ -161,7 +161,13 @@ def plan_pick(
             return _finish(second, tried, clock)
         if not found.grasps and reacher.reasons:
             break  # there is hardly room for the hand
-    raise PickFailed(_explain(tried, reacher, found), dict(reacher.reasons))
+    told = _explain(tried, reacher, found)
+    if found.grasps and set(reacher.reasons) == {"cannot be held"}:  # then the forces say what would do
+        try:
+            plan_best(replace(found, grasps=found.grasps[:1]), conditions, progress=False)
+        except NoGrasp as error:
+            told = f"{told}. {error}"
+    raise PickFailed(told, dict(reacher.reasons))
 
 
 def read_task(

@@ -47,6 +47,15 @@ def test_a_hand_on_another_arm(command, tmp_path):
     assert code == 0 and "done" in out and "Is it possible?" in out and "leave" not in out
 
 
+@pytest.mark.slow
+def test_what_is_too_heavy_is_refused_with_the_grippers_own_limit(command, tmp_path):
+    """The file of the robot has 100 N for each jaw, the catalogue 70."""
+    box = "box:size=0.05x0.05x0.12,mass=6"
+    code, _, err = command(*PICK[:2], box, *PICK[3:], "--out", str(tmp_path / "box"))
+    assert code == 3 and "cannot be held" in err
+    assert "given 140 N" in err and "mass of the object" in err
+
+
 @pytest.mark.parametrize(
     ("options", "told"),
     [
