@@ -237,6 +237,18 @@ def test_blind_it_holds(plan, controller):
     assert not controller.blind
 
 
+def test_late_sensors_are_heard(jaws):
+    controller, blind = jaws.grip_controller(latency=0.09, max_normal_force=CAP), []
+    for i in range(300):
+        feel(controller, PERIOD * i, late=0.06, forces=planned_of(jaws))
+        blind.append(controller.blind)
+    assert not any(blind)
+    for i in range(300, 352):
+        controller.step(Felt(PERIOD * i))
+        blind.append(controller.blind)
+    assert not any(blind[:345]) and blind[-1]  # 50 ms after the last one
+
+
 @pytest.mark.parametrize("quantity", ["forces", "normal_forces"])
 def test_a_slip_before_the_silence_makes_it_jump_no_more(jaws, quantity):
     controller, planned = jaws.grip_controller(latency=0.025, max_normal_force=20 * CAP), planned_of(jaws)
