@@ -86,10 +86,14 @@ def forked_results(
 
 def count_processes(jobs: int) -> int:
     """How many processes :func:`forked_results` takes for so many ``jobs``."""
+    apart = multiprocessing.parent_process() is not None or threading.current_thread() is not threading.main_thread()
+    if apart or sys.platform != "linux":
+        return 1
+    if jobs > 0:
+        return jobs
     import joblib  # slow to import
 
-    apart = multiprocessing.parent_process() is not None or threading.current_thread() is not threading.main_thread()
-    return 1 if apart or sys.platform != "linux" else int(joblib.effective_n_jobs(jobs))
+    return int(joblib.effective_n_jobs(jobs))
 
 
 def _gather(work: _Work[_Result], copies: list[_Copy]) -> Iterator[_Result]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -31,6 +32,7 @@ _FINGERS = COLOURS[:6]  # black is the load
 _KNOWN = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4, "pinky": 4, "palm": 5}
 _PAD = 0.04  # between panels and what is around them [inch]
 _LETTER, _ENTRY = 0.064, 0.53  # width of a letter of legends, and of what is beside a name [inch]
+_SIDE_BY_SIDE = 4  # figures
 _NUMBERS = 7  # intervals of an axis
 
 
@@ -233,7 +235,7 @@ def save_all(figures: Mapping[str, Callable[[], Figure]], folder: str | Path) ->
     their paths.
     """
     paths = [Path(folder) / name for name in figures]
-    with forked_results(_save, list(zip(figures.values(), paths)), -1) as saved:
+    with forked_results(_save, list(zip(figures.values(), paths)), min(_SIDE_BY_SIDE, os.cpu_count() or 1)) as saved:
         return list(saved)
 
 
