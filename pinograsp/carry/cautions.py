@@ -1,4 +1,4 @@
-"""What speaks against a carry plan although its forces balance all loads: warnings, in words."""
+"""Warnings of a carry plan whose forces balance all loads, in words."""
 
 from __future__ import annotations
 

@@ -35,13 +35,18 @@ def tell_tolerance(
     if plan.status is not Status.OK or closure is None or not core.is_installed():
         return None
     try:
-        return measure_tolerance(*_closing_of(plan), error or PoseError(), None, quick=quick, known=known)
+        return find_tolerance(plan, error, quick=quick, known=known)
     except InvalidInput:  # geometry that the core does not know
         return None
 
 
 def find_tolerance(
-    plan: PlanRecord, error: PoseError | None = None, *, threads: int | None = None, quick: bool = False
+    plan: PlanRecord,
+    error: PoseError | None = None,
+    *,
+    threads: int | None = None,
+    quick: bool = False,
+    known: PoseTolerance | None = None,
 ) -> PoseTolerance:
     """Find how far the object may be from its planned place: close the hand of the plan on it in other places.
 
@@ -56,6 +61,7 @@ def find_tolerance(
         error: sizes and directions; default: 5 mm and 5 deg, in 12 directions.
         threads: of the compiled core; None: one for each core.
         quick: try errors of that size only: ``distance`` is that size or 0.
+        known: what this found of the same plan and errors when it was quick: these are not tried again.
 
     Raises:
         InvalidInput: the plan has no hand or object, or its contacts have no link.
@@ -64,7 +70,7 @@ def find_tolerance(
     """
     instance_of("error", error, PoseError, type(None))
     closing = _closing_of(plan)
-    return measure_tolerance(*closing, error or PoseError(), threads, quick=quick)
+    return measure_tolerance(*closing, error or PoseError(), threads, quick=quick, known=known)
 
 
 def find_drop(plan: PlanRecord) -> float:

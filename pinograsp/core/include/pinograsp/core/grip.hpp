@@ -160,7 +160,7 @@ public:
         const double apart = std::isfinite(stamps_[which]) ? time - stamps_[which] : infinity;
         const double share = 1.0 - std::exp(-apart / setup_.smoothing);
         stamps_[which] = time;
-        newest_ = max(newest_, time), heard_ = true;
+        heard_ = true;
         // Of the mean of what was felt, in those of one measurement.
         spreads_[which] = (1.0 - share) * (1.0 - share) * spreads_[which] + share * share;
         switch (kind) {
@@ -197,7 +197,8 @@ public:
         now_ = now;
         if (!std::isfinite(begun_)) begun_ = now;
         // It counts when it came, however late sensors are, if it is not as old as what nothing is made of.
-        if (heard_ && now - newest_ <= setup_.blind + setup_.latency) fresh_ = now;
+        const double newest = *std::max_element(stamps_, stamps_ + feelings);
+        if (heard_ && now - newest <= setup_.blind + setup_.latency) fresh_ = now;
         heard_ = false;
         blind = now - max(fresh_, begun_) > setup_.blind;
         estimate(dt);
@@ -231,7 +232,7 @@ public:
         std::copy_n(holding_, n_, measured_);
         moved_ = 0.0;
         std::fill_n(acceleration_, 3, 0.0);
-        now_ = newest_ = fresh_ = begun_ = -infinity;
+        now_ = fresh_ = begun_ = -infinity;
         heard_ = false;
         slipped_ = jumped_ = -infinity;
         reflexes = 0;
@@ -276,8 +277,7 @@ private:
     double level_ = 0.0;  // times the planned ones under which it slipped, with a margin, where friction is not felt
     double stamps_[feelings], spreads_[feelings] = {}, wrench_[6], acceleration_[3];
     double steady_[3] = {}, moved_ = 0.0;  // the load's force, slowly [N]; mean square of how far it is off [N^2]
-    double now_ = -infinity, newest_ = -infinity, fresh_ = -infinity, begun_ = -infinity;
-    double slipped_ = -infinity, jumped_ = -infinity;
+    double now_ = -infinity, fresh_ = -infinity, begun_ = -infinity, slipped_ = -infinity, jumped_ = -infinity;
     bool heard_ = false;  // something since the last tick
 
     // The latency of all, smoothing included [s].
