@@ -63,7 +63,7 @@ _FUNCTIONS = {name: value for name, value in _MATH.items() if callable(value)}
 _FUNCTIONS |= {one.__name__: one for one in (abs, min, max, int, float, bool, len, str, dict)}
 _FUNCTIONS["round"] = _limit(round, 400, start=1)
 # They only look at a text or a mapping.
-_METHODS = {str.split, str.strip, str.lower, str.upper, str.startswith, str.endswith}
+_METHODS = {str.split, str.strip, str.lower, str.upper, str.find, str.startswith, str.endswith}
 _METHODS |= {dict.get, dict.keys, dict.values, dict.items}
 
 

@@ -60,8 +60,8 @@ def mend_bodies(
         (heavy, "masses too large for links of that size: are they in grams? URDF's are in kg"),
         (
             placeholders,
-            "inertias too large for links of that mass and size, taken from the shapes instead (an inertia of motors "
-            "belongs in <dynamics armature=>)",
+            "inertias that links of that mass and size cannot have, taken from the shapes instead (an inertia of "
+            "motors belongs in <dynamics armature=>)",
         ),
         (crooked, "inertias with one moment above the sum of the others, which no solid has, used as they are"),
     ):

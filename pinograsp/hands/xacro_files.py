@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import io
+import re
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.arithmetic import NotAllowed
+from pinograsp.hands.elements import read_bytes
 from pinograsp.hands.file_reads import digest_of
 from pinograsp.hands.ros_packages import PackageNotFound, Packages, find_package
 from pinograsp.hands.tree import MOVING
@@ -53,12 +55,16 @@ def expand_xacro(
         # Without xacro's banner, which carries the path that it was given: not reproducible.
         lines = document.documentElement.toprettyxml(indent="  ").splitlines()
     except Exception as error:  # xacro raises its own, the XML parser's, and whatever an expression raises
+        cause = _cause_of(error)
         problem = "it includes or calls itself without end" if isinstance(error, RecursionError) else str(error)
+        problem = f"no entry {problem}" if isinstance(cause, KeyError) else problem
         place = "".join(f"{Path(name).name}: " for name in (getattr(module, "filestack", None) or [])[-1:])
         problems = [place + line for line in problem.split("\n")]
-        cause = _cause_of(error)
         if isinstance(cause, PackageNotFound):
             raise HandNotLoaded(path, problems) from error
+        if name := _property_without_prefix(cause, (path, *getattr(module, "all_includes", ()))):
+            old = f"'{name}' is a property as xacro took it before 2018: write <xacro:property> for <property>"
+            raise HandNotLoaded(path, f"{old}, and likewise include, macro, insert_block, if and unless") from error
         if isinstance(cause, NotAllowed | SyntaxError):
             raise HandNotLoaded(path, [*problems, "pass trusted=True if you trust this file"]) from error
         raise HandNotLoaded(path, f"xacro could not expand it: {'; '.join(problems)}") from error
@@ -83,6 +89,17 @@ def _note_macros(module: Any) -> set[str]:
 
 def _calls_without_prefix(document: Any, macros: set[str]) -> list[str]:
     return sorted(macros & {element.tagName for element in document.getElementsByTagName("*")})
+
+
+def _property_without_prefix(error: BaseException, files: Iterable[str | Path]) -> str | None:
+    """The name that an expression lacks, where one of the files defines it in an element that xacro leaves alone."""
+    lacking = re.match(r"name '(\w+)' is not defined", str(error)) if isinstance(error, NameError) else None
+    if lacking is None:
+        return None
+    element = re.compile(rb"<property\s[^>]*\bname\s*=\s*[\"']%b[\"']" % lacking[1].encode())
+    with contextlib.suppress(OSError):
+        return lacking[1] if any(element.search(read_bytes(Path(file))) for file in files) else None
+    return None
 
 
 def _moves(document: Any) -> bool:

@@ -3,8 +3,9 @@
 Xacro evaluates Python expressions in ``${...}``, reads YAML files, includes other files, and reads environment
 variables. Unless the caller trusts the file, a copy of xacro expands it that can do none of this: for every expression,
 every ``$(...)`` and every file, wherever and whenever it meets them, it calls this module. That evaluates arithmetic
-(never by Python's ``eval``), knows ``$(arg ...)`` and ``$(find ...)``, and gives it files of the description's own
-folder and of the packages that it finds: xacro files and, as plain data, YAML files, each read once.
+(never by Python's ``eval``), also in ``$(eval ...)``, knows ``$(arg ...)`` and ``$(find ...)``, and gives it files of
+the description's own folder and of the packages that it finds: xacro files and, as plain data, YAML files, each read
+once.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.dom import expatbuilder
+
+from xacro.substitution_args import convert_value
 
 from pinograsp.hands import arithmetic
 from pinograsp.hands.arithmetic import NotAllowed
@@ -28,6 +31,7 @@ _PARAMETER = re.compile(
     re.DOTALL,
 )
 PACKAGE, _ARGUMENT = re.compile(r"\$\(\s*find\s+([\w.-]+)\s*\)"), re.compile(r"\$\(\s*arg\s+(\w+)\s*\)")
+_EXPRESSION = re.compile(r"\$\(eval (.*)\)", re.DOTALL)
 _FORBIDDEN = re.compile(r"\$(?![{(]).?|\$\{\s*(?:xacro|python|load_yaml)\s*\}")  # stray, and names of what is more
 _MOST_WORK, _MOST_TIME = 100_000, 10.0  # elements and expressions together, and [s]
 
@@ -42,6 +46,7 @@ class Guard:
         self.files: dict[Path, Any] = {}  # parsed documents, and data
         self.functions: dict[str, Callable[..., Any]] = dict.fromkeys(("load_yaml", "xacro.load_yaml"), self._load_data)
         self.functions |= dict.fromkeys(("xacro.message", "xacro.warning", "xacro.error"), lambda *_: "")
+        self.functions["xacro.arg"] = self._argument
         replaced = {
             "safe_eval": self._evaluate,
             "eval_extension": self._evaluate_extension,
@@ -83,10 +88,18 @@ class Guard:
     def _evaluate_extension(self, text: str) -> str:
         if package := PACKAGE.fullmatch(text):
             return str(self._find(package[1]))
-        if not (argument := _ARGUMENT.fullmatch(text)):
-            raise NotAllowed(f"'{text}': only $(arg name) and $(find package) are allowed")
+        if argument := _ARGUMENT.fullmatch(text):
+            return self._argument(argument[1])
+        if expression := _EXPRESSION.fullmatch(text):
+            arguments: dict[str, str] = self.module.substitution_args_context["arg"]
+            named = arguments.keys() & set(re.findall(r"\w+", expression[1]))
+            names = {name: convert_value(arguments[name], "auto") for name in named} | {"true": True, "false": False}
+            return str(self._evaluate(expression[1], names))
+        raise NotAllowed(f"'{text}': only $(arg name), $(find package) and $(eval expression) are allowed")
+
+    def _argument(self, name: arithmetic.Value) -> str:
         arguments: dict[str, str] = self.module.substitution_args_context["arg"]
-        if (name := argument[1]) not in arguments:
+        if name not in arguments:
             raise NameError(f"undefined argument '{name}': give it a value (xacro_args=), or a default")
         self._charge(len(arguments[name]))
         return arguments[name]
@@ -115,7 +128,9 @@ class Guard:
     def _find_included(self, name: str, symbols: Mapping[str, arithmetic.Value]) -> Iterator[str]:
         if re.search(r"[*?\[]|.\$\(\s*find", re.sub(r"\$\{[^}]*\}", "", name)):
             raise NotAllowed(f"include of '{name}': only plain file names are allowed")
-        yield self.module.abs_filename_spec(str(self.module.eval_text(name, symbols)))
+        path = self.module.abs_filename_spec(str(self.module.eval_text(name, symbols)))
+        self.module.all_includes.append(path)
+        yield path
 
     def _parse(self, _: object, name: str) -> Any:
         try:

@@ -50,6 +50,21 @@ def test_all_kinds_of_elements_work(tmp_path):
     assert '<link name="a" size="s3"/>' in text and 'xyz="0 0 6"' in text and '<link name="b"/>' in text
 
 
+@pytest.mark.parametrize("kind, size", [("jaws", "1"), ("none", "2.5")])
+def test_conditions_on_arguments_work(tmp_path, kind, size):
+    """As xacro itself evaluates them: arguments by their names, as numbers, truth values or texts."""
+    path = write(
+        tmp_path,
+        """<xacro:arg name="kind" default="jaws"/><xacro:arg name="size" default="1"/><xacro:arg name="all" default="true"/>
+        <xacro:if value="$(eval kind == 'none' and all)"><link name="bare" size="$(eval size * 2)"/></xacro:if>
+        <xacro:unless value="${'$(arg kind)'.find('none') != -1}"><link name="${xacro.arg('kind')}"/></xacro:unless>""",
+    )
+    given = {"kind": kind, "size": size}
+    text = expand_xacro(path, given)
+    assert text == expand_xacro(path, given, trusted=True)
+    assert ('size="5.0"' in text) == (kind == "none") and ('name="jaws"' in text) == (kind == "jaws")
+
+
 def test_includes_from_the_own_folder_work(tmp_path):
     (tmp_path / "parts").mkdir()
     write(tmp_path / "parts", '<link name="inner"/>', "part.xacro")
@@ -82,7 +97,8 @@ def secret(tmp_path):
         "<link name=\"${'%c{load_yaml(1)}' % 36}\"/>",
         '<link name="$(env HOME)"/>',
         '<link name="$(optenv HOME x)"/>',
-        '<link name="$(eval 1+1)"/>',
+        '<link name="$(eval [x for x in [1]])"/>',
+        "<link name=\"$(eval env('HOME'))\"/>",
         '<link name="$(find pkg)"/>',
         '<link name="$(dirname)"/>',
         '<link name="$(cwd)"/>',
@@ -396,6 +412,16 @@ def test_a_trusted_file_may_do_all_that_xacro_does(tmp_path, monkeypatch):
 def test_broken_files_are_named(tmp_path, body):
     with pytest.raises(HandNotLoaded):
         expand_xacro(write(tmp_path, body))
+
+
+@pytest.mark.parametrize("trusted", [False, True])
+def test_properties_as_xacro_took_them_once_are_told(tmp_path, trusted):
+    write(tmp_path, '<property name="M_PI" value="3.14"/>', "common.xacro")
+    path = write(tmp_path, '<xacro:include filename="common.xacro"/><link name="${M_PI * 2}"/>')
+    with pytest.raises(
+        HandNotLoaded, match="'M_PI' is a property as xacro took it before 2018: write <xacro:property>"
+    ):
+        expand_xacro(path, trusted=trusted)
 
 
 # -- packages without ROS ----------------------------------------------------------------------------------------------
