@@ -16,7 +16,7 @@ from pinograsp.hands.servos import SETTLING
 from pinograsp.spatial import Array
 
 STAGE = 0.4  # [s] from one posture to the next
-_STEP, _LOADED = 0.02, 0.1  # [s] of the closing, and under a load
+_STEP, _LOADED = 0.05, 0.1  # [s] of the closing, and under a load
 _SETTLING, _HOLD = 0.1, 2.0  # [s] after the last posture; at most under each load
 _ROTORS = 1e-2, 2e-4  # [kg], [kg m^2] inertia at joints that slide, and that turn
 _AT_ONCE = 8  # grasps of a thread

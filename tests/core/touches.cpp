@@ -104,6 +104,24 @@ void check_pair() {
     if (!(rough.distance <= 0.0)) fail("an overlap that is none", rough.distance, found.distance);
 }
 
+// Solids that move a little are as far apart whether the search begins where they were nearest before or not.
+void check_footing() {
+    constexpr double most = std::numeric_limits<double>::max();
+    const Solid one = solid(0, 1), other = solid(0, 1);
+    Frame there = frame(below(2) == 0 ? 0.05 : 0.2, 0);
+    Footing footing;
+    for (int i = 0; i < 20; ++i) {
+        const Couple couple{one, other, there};
+        const Separation found = measure(couple, towards(couple), most, true, &footing);
+        const Separation afresh = measure(couple, towards(couple), most);
+        const double off = std::fabs(found.distance - afresh.distance);
+        if (!(off <= 2e-8 + 1e-5 * std::max(0.0, -afresh.distance)))
+            fail("another gap from where they were nearest", found.distance, afresh.distance);
+        there = there * rotate_by(triple(i % 5 == 4 ? 1.0 : 0.02, 0));
+        there.t = there.t + triple(i % 5 == 4 ? 0.05 : 1e-3, 0);
+    }
+}
+
 void check_scene() {
     const int hostile = below(2) == 0 ? 0 : 20;
     TouchScene scene;
@@ -132,11 +150,15 @@ void check_scene() {
     Touches found;
     Toucher toucher(scene);
     const std::size_t postures = 3;
+    const bool follows = below(2) == 0;
     for (std::size_t i = 0; i < postures; ++i) {
         const Triple values = triple(1.0, hostile);
         const double q[4] = {values[0], values[1], values[2], 0.0};
         const Frame root = frame(0.1, hostile);
-        toucher.touch(q, root, {below(2) == 0 ? 2e-3 : std::fabs(number(0.05, hostile)), 0.03, {0.0, 0.0, -9.81}}, found);
+        TouchOptions options{below(2) == 0 ? 2e-3 : std::fabs(number(0.05, hostile)), 0.03, {0.0, 0.0, -9.81}};
+        options.deepest = below(2) == 0 ? options.tolerance : 0.02;
+        options.follows = follows, options.hulls = below(2) == 0;
+        toucher.touch(q, root, options, found);
         const double gap = toucher.gap(q, root, {0, parts - 1}, 0.1);
         if (hostile == 0 && !(gap <= 0.1)) fail("a gap beyond its bound", gap, 0.1);
     }
@@ -196,6 +218,7 @@ int main(int count, char** arguments) {
         random_bits.seed(input);
         check_farthest();
         check_pair();
+        check_footing();
         check_scene();
         check_triangles();
     }

@@ -105,17 +105,35 @@ private:
     std::vector<Node> nodes_;
 };
 
+// Which pieces of two bodies were nearest, and where; none: -1.
+struct NearestPieces {
+    int one = -1, other = -1;
+    Footing footing{};
+};
+
 // The gap between two bodies: of the pieces that are nearest, or overlap most.
 class Nearest {
 public:
     // `there`: of the second body, seen from the first, as what is found. `normal`: about where to from the first. Of
-    // what is wider than `beyond` no more is told, and where `deep` is false, of overlaps no more than that.
+    // what is wider than `beyond` no more is told, and where `deep` is false, of overlaps no more than that. `before`:
+    // where the same two were nearest, which is looked at first, and kept.
     Nearest(const Body& one, const Body& other, const Frame& there, const Triple& normal, double beyond,
-            bool deep = true)
+            bool deep = true, NearestPieces* before = nullptr)
         : one_(one), other_(other), there_(there), deep_(deep) {
         gap.normal = normal;
         widest_ = beyond;
         if (one.empty() || other.empty()) return;
+        if (one.whole() && other.whole()) {
+            gap = measure({one.piece(0), other.piece(0), there}, normal, beyond, deep,
+                          before ? &before->footing : nullptr);
+            return;
+        }
+        before_ = before;
+        if (before && before->one >= 0) {
+            const Separation known = measure({one.piece(before->one), other.piece(before->other), there}, normal,
+                                             beyond, deep, &before->footing);
+            if (known.distance <= beyond) take(known);
+        }
         middle_ = there.act_back(one.bounds().middle);
         face();
         look(0, 0);
@@ -147,11 +165,12 @@ private:
         if (a.left < 0 && b.left < 0) {
             const Solid& piece = other_.piece(b.right);
             if (one_.whole() && off_ - reach_ - dot(seen_, piece.farthest(seen_)) > widest_) return;
-            const Separation found = measure({one_.piece(a.right), piece, there_}, gap.normal, widest_, deep_);
+            Footing footing;
+            const Separation found =
+                measure({one_.piece(a.right), piece, there_}, gap.normal, widest_, deep_, before_ ? &footing : nullptr);
             if (!(found.distance <= widest_)) return;
-            gap = found;
-            face();
-            widest_ = gap.distance > 0.0 ? gap.distance - alike : -std::numeric_limits<double>::infinity();
+            take(found);
+            if (before_) *before_ = {a.right, b.right, footing};
             return;
         }
         const bool first = b.left < 0 || (a.left >= 0 && a.bounds.radius > b.bounds.radius);
@@ -163,6 +182,12 @@ private:
             if (rooms[k] <= widest_) look(ways[k][0], ways[k][1]);
     }
 
+    void take(const Separation& found) {
+        gap = found;
+        face();
+        widest_ = gap.distance > 0.0 ? gap.distance - alike : -std::numeric_limits<double>::infinity();
+    }
+
     static constexpr double alike = 1e-12;  // [m] of neighbours, which share what is nearest, one is enough
 
     const Body &one_, &other_;
@@ -170,6 +195,7 @@ private:
     Triple seen_{}, middle_{};
     double widest_, off_ = 0.0, reach_ = 0.0, other_reach_ = 0.0;
     bool deep_;
+    NearestPieces* before_ = nullptr;
 };
 
 }  // namespace PINOGRASP_CORE_LEVEL

@@ -74,7 +74,8 @@ public:
           right_(m_),
           base_(m_),
           rhs_(m_),
-          matrix_(m_ * m_) {}
+          matrix_(m_ * m_),
+          block_(m_ * m_) {}
 
     // With the object moved by a frame of the world from where it is planned.
     ClosingOutcome close(const Frame& away) {
@@ -117,23 +118,28 @@ public:
         for (int s = 0; s < course_.complete; ++s) look(s), step(s);
         std::copy(normal_.begin(), normal_.end(), pressed);
         const State closed{world_, speed_, turning_, shear_, spin_, q_, rates_};
+        look(course_.complete);
+        const Touches touches = touches_;
+        const std::vector<Toucher::Held> held = toucher_.held();
         step_ = course_.loaded;
         bool lost = false;
         for (int load = 0; load < count; ++load) {
             farthest[2 * load] = farthest[2 * load + 1] = nan;
             if (lost) continue;
             std::tie(world_, speed_, turning_, shear_, spin_, q_, rates_) = closed;
-            toucher_.forget();
+            toucher_.hold(held);
+            touches_ = touches;
             std::copy_n(loads + 6 * load, 6, load_.begin());
             double moved = length(at(world_) - at(away)), turned = angle(world_);
             for (int s = course_.complete, still = 0; s < course_.steps && still < rested; ++s) {
-                look(s), step(s);
+                if (s > course_.complete) look(s);
+                step(s);
                 moved = std::max(moved, length(at(world_) - at(away))), turned = std::max(turned, angle(world_));
                 lost = !(moved < bounds.moved && turned < bounds.turned);
                 if (lost) break;
-                const bool creeps =
-                    std::all_of(y_.begin() + n_, y_.end(), [](double one) { return std::fabs(one) < creep; });
-                still = creeps ? still + 1 : 0;
+                const bool rests = length({y_[n_], y_[n_ + 1], y_[n_ + 2]}) < slow * bounds.moved &&
+                                   length({y_[n_ + 3], y_[n_ + 4], y_[n_ + 5]}) < slow * bounds.turned;
+                still = rests ? still + 1 : 0;
             }
             farthest[2 * load] = moved, farthest[2 * load + 1] = turned;
         }
@@ -156,12 +162,15 @@ private:
     static constexpr double alike = 1e-7;  // [m, rad] change of a step that ends its rounds
     static constexpr double rest = 1e-7;   // [m, rad] of a step; so many of them end the hold
     static constexpr int at_rest = 5;
-    static constexpr double creep = 5e-4;  // likewise of the object alone, under a load
+    static constexpr double slow = 5e-3;  // of how far the object may go under a load: likewise
     static constexpr int rested = 2;
 
-    // Rows of a place that touches, one after the other: normals, two across, one that turns.
+    // Rows of a place that touches, one after the other: normals, two across, one that turns. Each has the columns that
+    // move there alone.
     struct Patch {
         int first = 0, normals = 0;
+        int begin = 0, columns = 0;                       // among the columns
+        std::size_t rows = 0;                             // where they begin
         double stiffness = 0.0, shear = 0.0, spin = 0.0;  // of each normal; of the others [N/m, N m/rad]
         double turning = 0.0;                             // limit of the last per newton [m]
         double normal = 0.0;                              // of all normals [N]
@@ -239,7 +248,7 @@ private:
             return;
         }
         set_base(s, fixed);
-        rows_.clear(), gaps_.clear(), patches_.clear();
+        rows_.clear(), gaps_.clear(), patches_.clear(), columns_.clear();
         for (std::size_t t = 0; t < count; ++t) add_touch(t);
         if (stands && !fixed) add_table();
         std::fill(y_.begin(), y_.end(), 0.0);
@@ -313,25 +322,37 @@ private:
 
     Triple turned(const Triple& by) const { return Frame{object_.inertia, {}}.turn(by); }
 
+    // The joints that move a part of the hand, and the object; of the table the object alone.
+    void add_columns(int part, Patch& patch) {
+        patch.begin = static_cast<int>(columns_.size());
+        const auto own = [&] { return columns_.begin() + patch.begin; };
+        for (int j = part < 0 ? -1 : scene_.parts[part].joint; j >= 0; j = scene_.joints[j].parent)
+            if (std::find(own(), columns_.end(), scene_.joints[j].input) == columns_.end())
+                columns_.push_back(scene_.joints[j].input);
+        std::sort(own(), columns_.end());
+        for (int i = n_; i < m_; ++i) columns_.push_back(i);
+        patch.columns = static_cast<int>(columns_.size()) - patch.begin;
+        patch.rows = rows_.size();
+    }
+
     // A row of how the hand's point `at` comes nearer to the object along a direction; -1: a point that stays.
-    void add_row(std::int64_t touch, const Triple& along, const Triple& at) {
+    void add_row(const Patch& patch, std::int64_t touch, const Triple& along, const Triple& at) {
         const Triple hand = touch < 0 ? Triple{} : cross(at - triple(touches_.points, touch), along);
-        add_row(touch, along, hand, cross(at - object_.centre, along));
+        add_row(patch, touch, along, hand, cross(at - object_.centre, along));
     }
 
     // A row of the motion along a direction and about axes: the hand's about the touching point, the object's about its
     // centre.
-    void add_row(std::int64_t touch, const Triple& along, const Triple& hand, const Triple& object) {
+    void add_row(const Patch& patch, std::int64_t touch, const Triple& along, const Triple& hand,
+                 const Triple& object) {
         const std::size_t start = rows_.size();
-        rows_.resize(start + m_, 0.0);
+        rows_.resize(start + static_cast<std::size_t>(patch.columns), 0.0);
         double* to = rows_.data() + start;
-        if (touch >= 0) {
-            const double* jacobian = touches_.jacobians.data() + 6 * n_ * touch;
-            for (int j = 0; j < n_; ++j)
-                for (int x = 0; x < 3; ++x)
-                    to[j] += along[x] * jacobian[x * n_ + j] + hand[x] * jacobian[(3 + x) * n_ + j];
+        for (const int* j = columns_.data() + patch.begin; *j < n_; ++j, ++to) {
+            const double* jacobian = touches_.jacobians.data() + 6 * n_ * touch + *j;
+            for (int x = 0; x < 3; ++x) *to += along[x] * jacobian[x * n_] + hand[x] * jacobian[(3 + x) * n_];
         }
-        for (int x = 0; x < 3; ++x) to[n_ + x] = -along[x], to[n_ + 3 + x] = -object[x];
+        for (int x = 0; x < 3; ++x) to[x] = -along[x], to[3 + x] = -object[x];
     }
 
     static Triple triple(const std::vector<double>& from, std::size_t i) {
@@ -385,10 +406,11 @@ private:
         const int count = static_cast<int>(points_.size());
         Patch patch;
         patch.first = static_cast<int>(gaps_.size()) - count, patch.normals = count, patch.part = part;
+        add_columns(part, patch);
         Triple middle{};
         for (const Triple& point : points_) {
             middle = middle + (1.0 / count) * point;
-            add_row(touch, normal, point);
+            add_row(patch, touch, normal, point);
         }
         double wide = 0.0;
         for (const Triple& point : points_) wide += dot(point - middle, point - middle) / count;
@@ -396,30 +418,37 @@ private:
         const double arm = std::max(patch.turning / std::max(object_.mu, 1e-6), least_arm);
         patch.stiffness = springs.normal / count, patch.shear = springs.shear, patch.spin = springs.shear * arm * arm;
         patch.x = across(normal), patch.y = cross(normal, patch.x);
-        add_row(touch, patch.x, middle), add_row(touch, patch.y, middle), add_row(touch, {}, normal, normal);
+        add_row(patch, touch, patch.x, middle), add_row(patch, touch, patch.y, middle);
+        add_row(patch, touch, {}, normal, normal);
         patch.force[0] = dot(patch.x, kept.shear), patch.force[1] = dot(patch.y, kept.shear),
         patch.force[2] = kept.spin;
         gaps_.insert(gaps_.end(), 3, 0.0);
         patches_.push_back(patch);
     }
 
-    double along(int which) const {
-        const double* own = rows_.data() + static_cast<std::size_t>(which) * m_;
-        double found = 0.0;
-        for (int i = 0; i < m_; ++i) found += own[i] * y_[i];
-        return found;
+    // How far the step y goes along the rows of a patch.
+    void go_along(const Patch& patch) {
+        const int* at = columns_.data() + patch.begin;
+        const double* own = rows_.data() + patch.rows;
+        for (int i = patch.first; i < patch.first + patch.normals + 3; ++i, own += patch.columns) {
+            double found = 0.0;
+            for (int c = 0; c < patch.columns; ++c) found += own[c] * y_[at[c]];
+            along_[i] = found;
+        }
     }
 
     // What friction lets of the forces across, at the step y.
     void weigh() {
+        along_.resize(gaps_.size());
         for (Patch& patch : patches_) {
+            go_along(patch);
             double normal = 0.0;
             for (int i = patch.first; i < patch.first + patch.normals; ++i)
-                normal += patch.stiffness * std::max(0.0, along(i) - gaps_[i]);
+                normal += patch.stiffness * std::max(0.0, along_[i] - gaps_[i]);
             patch.normal = normal;
             const int next = patch.first + patch.normals;
             for (int i = 0; i < 3; ++i)
-                patch.trial[i] = patch.force[i] + (i < 2 ? patch.shear : patch.spin) * along(next + i);
+                patch.trial[i] = patch.force[i] + (i < 2 ? patch.shear : patch.spin) * along_[next + i];
             const double size = std::hypot(patch.trial[0], patch.trial[1]), turning = std::fabs(patch.trial[2]);
             if (course_.elliptic) {
                 const double all =
@@ -441,13 +470,7 @@ private:
         for (int i = 0; i < 3; ++i)
             for (int j = i; j < 3; ++j) matrix_[(n_ + 3 + i) * m_ + n_ + 3 + j] += object_.inertia[3 * i + j] / (h * h);
         if (course_.arms) add_motors();
-        for (const Patch& patch : patches_) {
-            for (int i = patch.first; i < patch.first + patch.normals; ++i)
-                if (along(i) > gaps_[i]) add_spring(i, patch.stiffness, -patch.stiffness * gaps_[i]);
-            for (int i = 0; i < 3; ++i)
-                add_spring(patch.first + patch.normals + i, patch.share[i] * (i < 2 ? patch.shear : patch.spin),
-                           patch.share[i] * patch.force[i]);
-        }
+        for (const Patch& patch : patches_) add_springs(patch);
         if (fixed)  // the object stays
             for (int i = n_; i < m_; ++i) {
                 for (int j = 0; j <= i; ++j) matrix_[j * m_ + i] = 0.0;
@@ -464,15 +487,33 @@ private:
         return changed;
     }
 
-    void add_spring(int which, double stiffness, double force) {
+    // The springs of a patch, in the matrix and on the right.
+    void add_springs(const Patch& patch) {
+        const int* at = columns_.data() + patch.begin;
+        const int size = patch.columns;
+        std::fill_n(block_.begin(), size * size, 0.0);
+        for (int i = 0; i < patch.normals; ++i)
+            if (along_[patch.first + i] > gaps_[patch.first + i])
+                add_spring(patch, i, patch.stiffness, -patch.stiffness * gaps_[patch.first + i]);
+        for (int i = 0; i < 3; ++i)
+            add_spring(patch, patch.normals + i, patch.share[i] * (i < 2 ? patch.shear : patch.spin),
+                       patch.share[i] * patch.force[i]);
+        for (int i = 0; i < size; ++i) {
+            double* to = matrix_.data() + static_cast<std::size_t>(at[i]) * m_;
+            for (int j = i; j < size; ++j) to[at[j]] += block_[i * size + j];
+        }
+    }
+
+    void add_spring(const Patch& patch, int which, double stiffness, double force) {
         if (stiffness == 0.0 && force == 0.0) return;
-        const double* own = rows_.data() + static_cast<std::size_t>(which) * m_;
-        for (int i = 0; i < m_; ++i) {
-            if (own[i] == 0.0) continue;
-            rhs_[i] -= force * own[i];
+        const int size = patch.columns;
+        const int* at = columns_.data() + patch.begin;
+        const double* own = rows_.data() + patch.rows + static_cast<std::size_t>(which * size);
+        for (int i = 0; i < size; ++i) {
+            rhs_[at[i]] -= force * own[i];
             const double scaled = stiffness * own[i];
-            double* to = matrix_.data() + static_cast<std::size_t>(i) * m_;
-            for (int j = i; j < m_; ++j) to[j] += scaled * own[j];
+            double* to = block_.data() + i * size;
+            for (int j = i; j < size; ++j) to[j] += scaled * own[j];
         }
     }
 
@@ -514,7 +555,8 @@ private:
     std::array<double, 6> load_{};
     std::vector<Triple> shear_, points_;  // of the parts; of a patch
     std::vector<double> normal_, spin_, q_, rates_, ahead_, drive_, weight_, force_, y_, right_, base_, rhs_, matrix_,
-        rows_, gaps_;
+        block_, rows_, gaps_, along_;
+    std::vector<int> columns_;  // of the patches
     std::vector<Patch> patches_;
 };
 

@@ -352,12 +352,40 @@ struct Parting {
     Simplex simplex;
 };
 
-// The widest gap between two solids; whatever rounding does, there is that much. Begun along a unit vector, and ended
-// where the gap is wider than `beyond`.
+// Between which points of their cores two solids were nearest, each as its own solid sees it.
+class Footing {
+public:
+    void keep(const Couple& couple, const Simplex& simplex) {
+        count_ = simplex.count();
+        for (int i = 0; i < count_; ++i) {
+            const Difference& corner = simplex.corner(i);
+            own_[i] = corner.own, other_[i] = couple.there.act_back(corner.own - corner.point);
+        }
+    }
+    // The nearest point of the difference there; false where there is none, or it is too near.
+    bool stand(const Couple& couple, double off, Simplex& simplex, Difference& nearest) const {
+        for (int i = 0; i < count_; ++i)
+            nearest = simplex.nearest_with({own_[i] - couple.there.act(other_[i]), own_[i]});
+        const bool clear = count_ > 0 && dot(nearest.point, nearest.point) > off * off;
+        if (!clear) simplex = {};
+        return clear;
+    }
+
+private:
+    Triple own_[3], other_[3];
+    int count_ = 0;
+};
+
+// The widest gap between two solids; whatever rounding does, there is that much. Begun along a unit vector, or where
+// they were nearest before, which is kept, and ended where the gap is wider than `beyond`.
 inline Parting part(const Couple& couple, Triple along, const Precision& precision,
-                    double beyond = std::numeric_limits<double>::infinity()) {
+                    double beyond = std::numeric_limits<double>::infinity(), Footing* footing = nullptr) {
     Parting found;
     const double round = couple.round();
+    if (footing && footing->stand(couple, precision.off, found.simplex, found.nearest)) {
+        found.size = length(found.nearest.point);
+        along = (-1.0 / found.size) * found.nearest.point;
+    }
     for (int i = 0; i < precision.most; ++i) {
         const Difference w = couple.farthest(along);
         const double gap = -dot(w.point, along) - round;
@@ -376,6 +404,7 @@ inline Parting part(const Couple& couple, Triple along, const Precision& precisi
         if (!(size > precision.off)) break;
         along = (-1.0 / size) * next.point;
     }
+    if (footing && !found.simplex.full()) footing->keep(couple, found.simplex);
     return found;
 }
 

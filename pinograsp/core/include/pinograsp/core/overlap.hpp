@@ -151,11 +151,12 @@ private:
     int count_ = 0, faces_ = 0, rim_ = 0;
 };
 
-// The gap between two solids, found along a unit vector at first, as seen from the first; what is wider than `beyond`
-// is only told to be so, and where `deep` is false, of overlaps no more than that.
-inline Separation measure(const Couple& couple, const Triple& along, double beyond, bool deep = true) {
+// The gap between two solids, found along a unit vector at first, or where they were nearest before, as seen from the
+// first; what is wider than `beyond` is only told to be so, and where `deep` is false, of overlaps no more than that.
+inline Separation measure(const Couple& couple, const Triple& along, double beyond, bool deep = true,
+                          Footing* footing = nullptr) {
     constexpr double touching = 1e-10;
-    const Parting plane = part(couple, along, closely, beyond);
+    const Parting plane = part(couple, along, closely, beyond, footing);
     if (plane.distance > beyond) return {plane.distance, plane.normal};
     if (!(plane.size > touching)) return deep ? Polytope(couple, plane.simplex).grow() : Separation{0.0, plane.normal};
     // The direction between points that are nearly nearest has half of their digits, that of the plane all.

@@ -91,13 +91,13 @@ public:
         const std::int64_t grasp = static_cast<std::int64_t>(found.grasps++);
         double depth = 0.0;
         bool failed = false;
-        std::fill(last_.begin(), last_.end(), Triple{});
+        std::fill(last_.begin(), last_.end(), Held{});
         follows_ = options.follows;
         if (follows_) last_.swap(now_);
-        find_near(options.tolerance);
+        find_near(options.tolerance, options.hulls);
         for (Candidate& best : best_) {
             if (best.part < 0) continue;
-            WayOut way = measure_touch(best, options.hulls);
+            const WayOut way = best.way.found ? best.way : measure_touch(best, options.hulls);
             failed = failed || !way.found;
             if (!way.found || !(way.gap <= options.tolerance)) continue;
             if (way.gap < -options.deepest) {
@@ -105,7 +105,7 @@ public:
                 continue;
             }
             note(grasp, best, way, options.lean, found);
-            now_[scene_.parts[best.part].link] = back_.turn(way.normal);
+            now_[scene_.parts[best.part].link] = {best.part, best.solid, way.gap, back_.turn(way.normal)};
         }
         found.depth.push_back(depth);
         found.failed.push_back(failed);
@@ -113,9 +113,18 @@ public:
         bear(options.gravity, found.gravity);
     }
 
+    // What touched at the last call, of each link: which part and solid, how far apart, and the normal, in the world.
+    struct Held {
+        int part = -1, solid = -1;
+        double gap = 0.0;
+        Triple normal{};
+    };
+    const std::vector<Held>& held() const { return now_; }
+    void hold(const std::vector<Held>& held) { now_ = held; }
+
     void forget() {
-        std::fill(now_.begin(), now_.end(), Triple{});
-        std::fill(ways_.begin(), ways_.end(), Triple{});
+        std::fill(now_.begin(), now_.end(), Held{});
+        std::fill(ways_.begin(), ways_.end(), Memory{});
     }
 
     // Distance of some parts of the hand from the object, up to `reach`: of convex hulls, from below.
@@ -145,6 +154,7 @@ private:
     static constexpr double alike = 1e-4;  // and where it has settled [rad]
     static constexpr double play = 1e-5;   // [m] by which convex parts may overlap: bars drawn side by side slide so
     static constexpr double rolled = 0.3;  // of what pressed before [rad]
+    static constexpr double most = std::numeric_limits<double>::max();
 
     struct Near {
         double room;  // [m] they are at least so far apart
@@ -155,14 +165,21 @@ private:
                                         : solid < other.solid;
         }
     };
-    struct Candidate {
-        int part = -1, solid = -1;
-        Separation gap{};  // in the part's frame
-    };
     struct WayOut {
         bool found = false, settled = false;
         double gap = 0.0;
         Triple point{}, normal{};
+    };
+    struct Candidate {
+        int part = -1, solid = -1;
+        Separation gap{};  // in the part's frame
+        WayOut way{};      // where it is known already
+    };
+    // Of a part and a solid, as the part sees it: where they were nearest, and likewise, for surfaces and for hulls,
+    // the solid moved off.
+    struct Memory {
+        Triple way{};
+        NearestPieces near, moved_off[2];
     };
 
     const Frame& joint_at(int joint) const { return joint < 0 ? still_ : joints_[joint]; }
@@ -195,9 +212,9 @@ private:
     Separation look(const Near& near, double beyond) {
         const Frame there = parts_[near.part].inverse() * object_;
         const Body &hull = scene_.parts[near.part].hull, &solid = scene_.solids[near.solid];
-        Triple& before = ways_[near.part * scene_.solids.size() + near.solid];
-        Triple along = before;
-        if (!follows_ || dot(before, before) == 0.0) {
+        Memory& before = memory_of(near.part, near.solid);
+        Triple along = before.way;
+        if (!follows_ || dot(along, along) == 0.0) {
             along = there.act(solid.bounds().middle) - hull.bounds().middle;
             const double size = length(along);
             along = size > 0.0 ? (1.0 / size) * along : Triple{1.0, 0.0, 0.0};
@@ -206,23 +223,30 @@ private:
             // Most are clear of the object's convex hull, which takes one look.
             const Parting plane = part({hull.piece(0), scene_.hull, there}, along, roughly, beyond);
             if (plane.distance > beyond) {
-                if (follows_) before = plane.normal;
+                if (follows_) before.way = plane.normal;
                 return {plane.distance, plane.normal};
             }
         }
-        const Separation gap = Nearest(hull, solid, there, along, beyond).gap;
-        if (follows_) before = gap.normal;
+        const Separation gap = Nearest(hull, solid, there, along, beyond, true, follows_ ? &before.near : nullptr).gap;
+        if (follows_) before.way = gap.normal;
         return gap;
     }
 
-    // The nearest part of each link, where it is within the tolerance.
-    void find_near(double tolerance) {
+    Memory& memory_of(int part, int solid) { return ways_[part * scene_.solids.size() + solid]; }
+
+    // The nearest part of each link, where it is within the tolerance: what presses first.
+    void find_near(double tolerance, bool hulls) {
         near_.clear();
         for (std::size_t i = 0; i < parts_.size(); ++i) list_near(static_cast<int>(i), tolerance);
         std::sort(near_.begin(), near_.end());
         std::fill(best_.begin(), best_.end(), Candidate{});
+        if (follows_ && (hulls || scene_.surface.empty()))
+            for (const Held& held : last_)
+                if (held.part >= 0 && held.gap < off / 10.0 && (hulls || scene_.parts[held.part].surface.empty()))
+                    follow(held);
         for (const Near& near : near_) {
             Candidate& best = best_[scene_.parts[near.part].link];
+            if (best.part == near.part && best.solid == near.solid) continue;
             // Of solids that share what is nearest, the first stays, whatever rounding does.
             const double beyond = best.part < 0 ? tolerance : best.gap.distance - 1e-12;
             if (near.room > beyond) continue;
@@ -231,32 +255,47 @@ private:
         }
     }
 
+    // What pressed at the last call, where it still does so from that side.
+    void follow(const Held& held) {
+        const Triple last = back_.turn_back(held.normal);
+        const WayOut way = leave(scene_.parts[held.part].hull, scene_.solids[held.solid], parts_[held.part], last,
+                                 off - held.gap, most, &memory_of(held.part, held.solid).moved_off[true]);
+        if (way.settled && is_from(way.normal, last))
+            best_[scene_.parts[held.part].link] = {held.part, held.solid, {way.gap}, way};
+    }
+
+    static bool is_from(const Triple& normal, const Triple& last) {
+        return dot(normal, last) > 1.0 - rolled * rolled / 2.0;
+    }
+
     // Separation, the point on the object's surface, and the inward normal: its own, not its parts'.
-    WayOut measure_touch(const Candidate& best, bool hulls) const {
+    WayOut measure_touch(const Candidate& best, bool hulls) {
         const PartOfHand& part = scene_.parts[best.part];
-        const bool solid = hulls || scene_.surface.empty();
+        const bool solid = hulls || scene_.surface.empty(), convex = solid && (hulls || part.surface.empty());
         const Body& mine = hulls ? part.hull : part.shape();
         const Body& beneath = solid ? scene_.solids[best.solid] : scene_.surface;
         const Separation& gap = best.gap;
         const Frame& at = parts_[best.part];
         const Triple normal = at.turn(gap.normal);
-        if (gap.apart > off / 10.0 && solid && (hulls || part.surface.empty()))
-            return {true, true, gap.distance, at.act(gap.other), normal};
+        if (gap.apart > off / 10.0 && convex) return {true, true, gap.distance, at.act(gap.other), normal};
         // Inside, the object is moved off until it is clear, along the normal of its convex part, or, where that leads
         // along a wall, in the direction that is shortest.
         const double far = off - gap.distance;
-        constexpr double most = std::numeric_limits<double>::max();
-        const Triple last = back_.turn_back(last_[part.link]);
-        const bool follows = dot(last, last) > 0.0;
-        WayOut found = leave(mine, beneath, at, follows ? last : normal, far, most);
-        if (follows && found.settled && dot(found.normal, last) > 1.0 - rolled * rolled / 2.0) return found;
+        const Triple last = back_.turn_back(last_[part.link].normal);
+        const bool follows = last_[part.link].part >= 0;
+        NearestPieces afresh,
+            &before = follows_ ? memory_of(best.part, solid ? best.solid : 0).moved_off[convex] : afresh;
+        WayOut found = leave(mine, beneath, at, follows ? last : normal, far, most, &before);
+        if (follows && found.settled && is_from(found.normal, last)) return found;
         if (found.found && found.gap > -2.0 * far && (found.settled || found.gap < gap.distance + 3.0 * off))
             return found;
         for (int i = 0; i < 12; ++i) {  // to the corners of an icosahedron
             const double one = (i & 1 ? -1.0 : 1.0) / 1.902113, other = (i & 2 ? -1.618034 : 1.618034) / 1.902113;
             Triple start{};
             start[(i / 4 + 1) % 3] = one, start[(i / 4 + 2) % 3] = other;
-            const WayOut way = leave(mine, beneath, at, start, far, found.settled ? 2.0 * off - found.gap : most);
+            NearestPieces from;
+            const WayOut way =
+                leave(mine, beneath, at, start, far, found.settled ? 2.0 * off - found.gap : most, &from);
             if (way.found &&
                 (way.settled > found.settled || !found.found || (way.settled == found.settled && way.gap > found.gap)))
                 found = way;
@@ -265,16 +304,16 @@ private:
     }
 
     // Along the common normal to which that one leads, the object moved `far` at first. Where it is clear of the part,
-    // their nearest points tell the next normal. Not farther than `most` [m].
-    WayOut leave(const Body& mine, const Body& other, const Frame& at, Triple normal, double far, double most) const {
+    // their nearest points tell the next normal. Not farther than that [m].
+    WayOut leave(const Body& mine, const Body& other, const Frame& at, Triple normal, double far, double farthest,
+                 NearestPieces* before) const {
         WayOut found;
-        for (int i = 0; i < rounds && far <= most; ++i) {
+        for (int i = 0; i < rounds && far <= farthest; ++i) {
             Frame moved = object_;
             moved.t = moved.t + far * normal;
             const Separation gap =
-                Nearest(mine, other, at.inverse() * moved, at.turn_back(normal), std::numeric_limits<double>::max())
-                    .gap;
-            if (!(std::fabs(gap.distance) < std::numeric_limits<double>::max())) return {};
+                Nearest(mine, other, at.inverse() * moved, at.turn_back(normal), most, true, before).gap;
+            if (!(std::fabs(gap.distance) < most)) return {};
             if (gap.distance < off / 10.0) {  // deeper than thought
                 far += off + std::max(-gap.distance, 0.0);
                 continue;
@@ -377,9 +416,9 @@ private:
     Bounds around_;
     std::vector<Frame> joints_, parts_;
     std::vector<Near> near_;
-    std::vector<Candidate> best_;     // of each link
-    std::vector<Triple> last_, now_;  // normals of what touches, of each link, in the world
-    std::vector<Triple> ways_;        // of each part and solid (p, s), as the part sees it: where they were nearest
+    std::vector<Candidate> best_;  // of each link
+    std::vector<Held> last_, now_;
+    std::vector<Memory> ways_;  // of each part and solid (p, s)
     bool follows_ = false;
     std::vector<Load> carried_;
 };
