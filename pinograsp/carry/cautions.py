@@ -82,7 +82,7 @@ def doubt_squeeze(grasp: GraspPlan, first: ConvexSolution, closing: Motion, most
             for i in np.flatnonzero(past_edges(body, contacts, depths))
         ]
         doubts += [
-            f"{names[i]} slides {1e3 * closing.slip[i]:.2g} mm across its normal while the hand closes to the squeeze "
+            f"{names[i]} slides {1e3 * closing.slip[i]:.2g} mm along the surface while the hand closes to the squeeze "
             "of the path"
             for i in np.flatnonzero(np.asarray(closing.slip) > FAR * body.bounding_radius)
         ]

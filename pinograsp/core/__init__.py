@@ -33,7 +33,7 @@ def is_installed() -> bool:
 
 @functools.cache
 def load() -> ModuleType:
-    """The core for this processor; the environment variable PINOGRASP_CORE_LEVEL takes a plainer one.
+    """The core for this processor; the environment variable PINOGRASP_CORE_LEVEL chooses a simpler one.
 
     Raises:
         ExtraMissing: it is not installed.

@@ -131,8 +131,8 @@ class ClosingTable:
             raise InvalidInput(
                 f"cap: expected one that some closing keeps in 95 % of its trials, got {cap:g} {self.unit}: the "
                 f"gentlest that was tried, speed {self.speeds[i]:g} and limit {self.limits[i]:g}, came to "
-                f"{self.peaks[i]:.4g} in the median and {self.high[i]:.4g} in 95 %: log a slower one or a lower limit, "
-                "or close by position"
+                f"{self.peaks[i]:.4g} in the median and {self.high[i]:.4g} at the 95th percentile: log a slower one or "
+                "a lower limit, or close by position"
             )
         i = min(keeps, key=lambda k: (-self.speeds[k], self.limits[k]))
         return ClosingCommand(self.speeds[i], self.limits[i], self.predict(self.speeds[i], self.limits[i]))

@@ -38,7 +38,7 @@ class FingerMotion(JointPath):
         jacobians: contact Jacobians (m, c, 6, n_f), linear velocity of the contact point first, world axes.
         errors: distance of each contact point from its target (m, c) [m]; of a closed grasp what its surface misses of
             its depth.
-        slips: how far contact points of a closed grasp move across their normals (m, c) [m]; zero where ``errors``
+        slips: how far contact points of a closed grasp move along the surface (m, c) [m]; zero where ``errors``
             holds all of it.
         limited: names of joints that were stopped by their limits.
         surfaces: whether it is the links' surfaces that miss their depths, although the contact points keep to their

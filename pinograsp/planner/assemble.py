@@ -247,7 +247,7 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, unstable
             cautions.append(f"no torque limits are known for {', '.join(free)}: their torques are not limited")
     others = np.abs(motion.settled_forces / solution.normal_forces - 1.0) > _OTHER
     cautions += [
-        f"{name} slides {1e3 * slip:.2f} mm across its normal while it presses, which changes the direction of "
+        f"{name} slides {1e3 * slip:.2f} mm along the surface while it presses, which changes the direction of "
         f"friction: once the object is let go it presses with {rest:.2g} N, not {planned:.2g} N"
         for name, slip, other, rest, planned in zip(
             contacts.names, motion.slip, others, motion.settled_forces, solution.normal_forces

@@ -74,7 +74,7 @@ class GripController:
             load is measured.
         object_mass: mass that corresponds to the load [kg].
         mu: estimated friction (k,).
-        mu_low: lower bound of friction: the contact has held at this ratio (k,).
+        mu_low: lower bound of friction: the contact has held at a somewhat larger ratio (k,).
         mu_high: the largest ratio at which the contact has slipped, noise included (k,); infinity: it has not. A
             contact that turns as it slips, or that slips in part first, has slightly more friction.
         slipping: which contacts slip, as far as it is measured (k,), 0 or 1.
