@@ -15,6 +15,8 @@ from pinograsp.spatial import Array, cross
 _RATHER_MOVED = 3.0  # a turn costs this times as much as a move as far as its rim goes: pushed, an object slides first
 _BALANCED = 1e-3  # of the pressing forces: what may be left of them where the object jams
 _CUTS = 30  # rounds of making way after a push
+_TURNS = np.arange(8) * np.pi / 4
+_AROUND = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])  # edges of friction cones, across the normal
 
 
 def is_jammed(distances: Distances, parts: Sequence[HandPart], gaps: Array, friction: float, near: float) -> bool:
@@ -23,19 +25,17 @@ def is_jammed(distances: Distances, parts: Sequence[HandPart], gaps: Array, fric
     Then forces in their friction cones add up to zero. The posture and the object's place are those that distances
     are taken at; ``gaps`` are lower bounds there.
     """
-    arm, edges, fingers = distances.body.bounding_radius, [], set()
-    for part in (part for part, gap in zip(parts, gaps) if gap <= near):
-        gap, point = distances.of(part)
-        if gap <= near:
-            fingers.add(part.finger)
-            _, normal = distances.surface(point)
-            across = tangents(normal[None])[0]
-            for turn in np.arange(8) * np.pi / 4:
-                force = normal + friction * across @ (np.cos(turn), np.sin(turn))
-                edges.append([*force, *cross(point - distances.body.com_o, force) / arm, 1.0])
-    if len(fingers) < 2:
+    found = [(part.finger, *distances.of(part)) for part, gap in zip(parts, gaps) if gap <= near]
+    pressing = [(finger, point) for finger, gap, point in found if gap <= near]
+    if len({finger for finger, _ in pressing}) < 2:
         return False
-    _, left = nnls(np.array(edges).T, np.eye(7)[6])
+    points = np.array([point for _, point in pressing])
+    body = distances.body
+    _, normals, _ = body.project(points)
+    forces = normals[:, None] + friction * np.einsum("kxy,ey->kex", tangents(normals), _AROUND)
+    moments = cross((points - body.com_o)[:, None], forces) / body.bounding_radius
+    edges = np.concatenate([forces, moments, np.ones((*forces.shape[:2], 1))], axis=2).reshape(-1, 7)
+    _, left = nnls(edges.T, np.eye(7)[6])
     return bool(left < _BALANCED)
 
 

@@ -42,6 +42,7 @@ class _Derived:
     shape_b: Array = field(default_factory=lambda: np.eye(4))
     vertices_s: Array = field(default_factory=lambda: np.zeros((0, 3)))
     volume: float = 0.0
+    radius: float = 0.0
     inertia_per_mass: Array = field(default_factory=lambda: np.zeros((3, 3)))
     surface: TriangleSurface | None = None
     collision: coal.CollisionGeometry | None = None
@@ -189,6 +190,7 @@ class Mesh(Body):
         properties = mass_properties(vertices_s[faces], center_mass=np.zeros(3))
         self._derived.shape_b = read_only(pose_of(centre))
         self._derived.vertices_s = read_only(vertices_s)
+        self._derived.radius = float(np.linalg.norm(vertices_s, axis=1).max())
         self._derived.volume = float(properties.volume)
         self._derived.inertia_per_mass = np.asarray(properties.inertia) / properties.volume
         self._set(
@@ -210,7 +212,7 @@ class Mesh(Body):
     @property
     def bounding_radius(self) -> float:
         """Largest distance of a surface point from the centre of mass [m]."""
-        return float(np.linalg.norm(self._derived.vertices_s, axis=1).max())
+        return self._derived.radius
 
     @property
     def collision_geometry(self) -> coal.CollisionGeometry:

@@ -16,8 +16,9 @@ from scipy.optimize import nnls
 
 from pinograsp.checks import brief
 from pinograsp.contacts import fingertips
+from pinograsp.contacts.clearance import link_centre
 from pinograsp.contacts.self_collision import SelfCollisions
-from pinograsp.hands import HandModel
+from pinograsp.hands import Finger, HandModel
 from pinograsp.hands.geometry import hull_points
 from pinograsp.objects.body import tangents
 from pinograsp.spatial import Array, BoolArray, cross
@@ -29,6 +30,7 @@ _WIDTHS, _REFINED, _TURNS, _AWAY = 12, 3, 30, 0.1  # widths of which the best ar
 _DRAWS = 6  # of the joints that spread fingers
 _BESIDE, _PARALLEL = 0.8, 0.9  # cosines: of the way to a finger beside another with their axes, and of these
 _PASSED = 1e-3  # [m] by which fingertips may have passed each other
+_INNER = 0.25  # of a jaw: where the joint that it slides on is expected
 _LEAN, _EDGES = np.radians(25.0), 6  # of the forces that fingertips are taken to make
 
 
@@ -155,11 +157,12 @@ class _Tips:
         self.middle = np.clip(hand.resting, self.low, self.high)
         self.fingers = [(finger.joint_ids[-1], finger.dofs) for finger in hand.fingers]
         self.own = np.array([np.isin(np.arange(hand.n), dofs) for _, dofs in self.fingers])  # joints of each (f, n)
-        self.points = {j: _distal(_points(hand, j)) for j, _ in self.fingers}
-        first = [finger.joint_ids[0] for finger in hand.fingers]
         self._put(self.middle)
+        bases = [_base(hand, self.data, finger) for finger in hand.fingers]
+        self.points = {j: _distal(_points(hand, j), base) for (j, _), base in zip(self.fingers, bases)}
         # Where the fingers' chains part, whatever arm or forearm the file has behind that.
-        self.base = np.mean([self.data.oMi[joint].translation for joint in first], axis=0)
+        first = [self.data.oMi[finger.joint_ids[0]] for finger in hand.fingers]
+        self.base = np.mean([pose.act(base) for pose, base in zip(first, bases)], axis=0)
         self.flexion = self._flexion()
         self.beside = np.eye(len(self.fingers), dtype=bool)
         self.towards = self._towards()
@@ -369,18 +372,37 @@ def _ahead(points: Array, directions: Array) -> Array:
     return means
 
 
-def _distal(points: Array) -> Array:
-    """Those of a link's points (p, 3), in its joint's frame, that lie far from the joint: where a finger presses."""
-    far = np.linalg.norm(points, axis=1)
+def _base(hand: HandModel, data: pin.Data, finger: Finger) -> Array:
+    """Where a finger begins (3,), in the frame of its only joint: there.
+
+    A joint that slides may be anywhere along its jaw. Beyond the quarter that is nearest to the palm, it is the jaw's end
+    there.
+    """
+    joint = finger.joint_ids[-1]
+    points, parent = _points(hand, joint), hand.model.parents[joint]
+    if len(finger.joint_ids) > 1 or not hand.slides[finger.dofs].all() or not len(_points(hand, parent)):
+        return np.zeros(3)
+    palm = data.oMi[joint].actInv(link_centre(hand, data, parent))
+    near = points @ palm
+    if near.max() <= _INNER * np.ptp(near):
+        return np.zeros(3)
+    inner: Array = points[near >= near.max() - 1e-3 * np.linalg.norm(palm)].mean(axis=0)
+    return inner
+
+
+def _distal(points: Array, base: Array) -> Array:
+    """Those of a link's points (p, 3) that lie far from where the finger begins (3,): where it presses."""
+    far = np.linalg.norm(points - base, axis=1)
     distal: Array = points[far >= 0.6 * far.max()]
     return distal
 
 
 def measure_thickness(hand: HandModel) -> dict[str, float]:
     """How thick the ends of the fingers are [m]: the least extent of their hulls along the hulls' own axes."""
-    found = {}
+    found, data = {}, hand.model.createData()
+    pin.forwardKinematics(hand.model, data, rest_of(hand))
     for finger in hand.fingers:
-        points = _distal(_points(hand, finger.joint_ids[-1]))
+        points = _distal(_points(hand, finger.joint_ids[-1]), _base(hand, data, finger))
         centred = points - points.mean(axis=0)
         axes = np.linalg.svd(centred, full_matrices=False)[2]
         found[finger.name] = float(np.ptp(centred @ axes.T, axis=0).min())
