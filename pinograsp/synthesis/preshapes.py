@@ -8,6 +8,7 @@ all pressing, add up to no force and no moment. Nothing but the tree and the col
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +103,14 @@ def preshapes(
     return sorted(found, key=lambda one: one.imbalance)
 
 
+def measure_opening(hand: HandModel, fingers: Sequence[str] | None = None) -> float:
+    """How far the fingertips are apart where the hand is open, its spreading joints in the middle [m]."""
+    tips = _Tips(hand, fingers)
+    opened, closed = tips.ends(tips.middle)
+    shape = tips.preshape(opened, closed, opened)
+    return 0.0 if shape is None else shape.width
+
+
 def free_of_themselves(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:
     """The preshapes whose links hit each other neither before they close nor where the fingertips meet; some overlap by
     design, anywhere.
@@ -147,7 +156,7 @@ def refine(
 class _Tips:
     """Fingertips of a hand, in its root frame."""
 
-    def __init__(self, hand: HandModel, fingers: tuple[str, ...] | None):
+    def __init__(self, hand: HandModel, fingers: Sequence[str] | None):
         self.hand, self.data = hand, hand.model.createData()
         self.oMh = pin.SE3(np.array(hand.pose))
         low, high = np.maximum(hand.lower, -np.pi), np.minimum(hand.upper, np.pi)
@@ -375,8 +384,7 @@ def _ahead(points: Array, directions: Array) -> Array:
 def _base(hand: HandModel, data: pin.Data, finger: Finger) -> Array:
     """Where a finger begins (3,), in the frame of its only joint: there.
 
-    A joint that slides may be anywhere along its jaw. Beyond the quarter that is nearest to the palm, it is the jaw's end
-    there.
+    A joint that slides may be anywhere along its jaw. Beyond the quarter at the palm, it is the jaw's end there.
     """
     joint = finger.joint_ids[-1]
     points, parent = _points(hand, joint), hand.model.parents[joint]

@@ -33,6 +33,7 @@ from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.synthesis.found import SOUND, FoundGrasp
 from pinograsp.synthesis.near import what_would_do
+from pinograsp.synthesis.preshapes import measure_opening
 from pinograsp.synthesis.samples import (
     MISSED,
     SearchCase,
@@ -58,7 +59,7 @@ class GraspSearch:
         grasps: best first.
         tried: number of samples.
         outcomes: how many of them ended how.
-        opening: least and largest width between the fingertips of this hand's preshapes [m].
+        opening: least and largest width between this hand's fingertips [m].
         width: least distance of two surfaces of the object that face each other [m]; infinity: there are none.
         interrupted: whether it was stopped (Ctrl-C): the grasps are those found until then.
         remarks: what in the hand's description may be in the way: more than a hand in the file, finger joints that
@@ -98,6 +99,8 @@ class GraspSearch:
     def size_remark(self) -> str:
         """That the object is larger than the hand opens, or very small for it, in words; else nothing."""
         least, largest = self.opening
+        if self.grasps or self.near:  # it fits
+            return ""
         if not np.isfinite(self.width):
             told = "No two surfaces of the object face each other, 0.1 mm apart or more"
             return f"{told}; this hand opens by {1e3 * least:.3g} to {1e3 * largest:.3g} mm"
@@ -239,7 +242,7 @@ def find_grasps(
     except Exception as error:
         raise plain_error(error) from None
     widths = [one.width for one in case.preshapes]
-    opening = max(0.0, min(widths, default=0.0)), max(widths, default=0.0)
+    opening = max(0.0, min(widths, default=0.0)), max([*widths, measure_opening(hand, wishes.fingers)])
     width = float(min(case.pairs.widths, default=np.inf))
     run = SearchRun(case, count, jobs, progress)
     too_large = width > opening[1]

@@ -41,3 +41,11 @@ def test_grasps_are_found_wherever_the_joints_are(tmp_path, along):
     box = Box(size=(0.03, 0.03, 0.08), mass=0.1)
     search = find_grasps(hand, box, GraspConditions(mu=0.6), count=8, seed=int(1e3 * along), jobs=1, progress=False)
     assert search.outcomes.get("holds", 0) >= 4
+
+
+def test_a_search_tells_how_far_the_hand_opens():
+    search = find_grasps(
+        load_hand("panda"), Box(size=(0.2, 0.2, 0.2), mass=0.1), GraspConditions(mu=0.6), count=4, seed=1, jobs=1
+    )
+    assert search.opening[1] == pytest.approx(0.08, abs=1e-4)  # the maker's figure
+    assert "too large" in str(search)
