@@ -153,6 +153,14 @@ class Distances:
         self.body, pose = body, body.shape_pose
         self.pose = coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
 
+    def move_object(self, shift: Array, turn: Array) -> None:
+        """Take the distances to the object turned by ``turn`` (3, 3) about its centre of mass and moved by ``shift``
+        (3,), world's axes, from where :attr:`body` is.
+        """
+        pose, centre = self.body.shape_pose, self.body.com_o
+        moved = centre + shift + turn @ (pose[:3, 3] - centre)
+        self.pose = coal.Transform3s(turn @ pose[:3, :3], np.ascontiguousarray(moved))
+
     def of(self, part: HandPart) -> tuple[float, Array]:
         """Distance [m] and the part's nearest point (3,) in the world."""
         least = -np.inf if part.hull is part.geometry else self.rough(part) - _OFF

@@ -53,7 +53,7 @@ def make_way(
     ``gaps`` are lower bounds of the parts' distances from ``body``; new ones are returned as well. It moves by
     ``far`` [m] at most, and where it makes way by half of ``room`` [m] more than it must.
     """
-    gaps, given = gaps.copy(), body
+    gaps = gaps.copy()
     radius, arm = body.bounding_radius, _RATHER_MOVED * body.bounding_radius
     motion = np.zeros(6)  # translation, and turn times the arm
     rows, sides = np.empty((0, 6)), np.empty(0)
@@ -65,17 +65,18 @@ def make_way(
             if point is not None:
                 # It asks for room along the line of least distance: an object's edge leaves a jaw's face along
                 # the face's normal, which the object's own surface does not have there.
-                row = np.hstack([found.normal, cross(point - body.com_o, found.normal) / arm])
+                row = np.hstack([found.normal, cross(point - body.com_o - motion[:3], found.normal) / arm])
                 rows, sides = np.vstack([rows, row]), np.append(sides, 0.5 * room - gaps[i] + row @ motion)
         if not (gaps < 0.0).any():
-            return body, gaps
+            moved = body.moved(motion[:3], pin.exp3(motion[3:] / arm))
+            distances.put_object(moved)
+            return moved, gaps
         new = _least_motion(rows, sides)
         if new is None or np.linalg.norm(new[:3]) + np.linalg.norm(new[3:]) * radius / arm > far:
             return None  # squeezed between parts that press against each other, or out of their reach
         gaps -= np.linalg.norm(new[:3] - motion[:3]) + np.linalg.norm(new[3:] - motion[3:]) * radius / arm
         motion = new
-        body = given.moved(motion[:3], pin.exp3(motion[3:] / arm))
-        distances.put_object(body)
+        distances.move_object(motion[:3], pin.exp3(motion[3:] / arm))
     return None
 
 
