@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from pinograsp.errors import ExtraMissing, HandNotLoaded
@@ -11,6 +12,9 @@ from pinograsp.hands.libraries import LIBRARIES, list_library
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import HandModel
 from pinograsp.hands.reach import measure_reach
+from pinograsp.processes import forked_results
+
+_SIDE_BY_SIDE = 4  # hands that are loaded at once: as many as cores, at most
 
 
 def record(hand: HandModel) -> dict[str, Any]:
@@ -61,26 +65,27 @@ def record(hand: HandModel) -> dict[str, Any]:
 
 def overview() -> tuple[list[dict[str, Any]], list[str]]:
     """One row per hand of the catalogue, and the problems of those that cannot be loaded."""
-    rows: list[dict[str, Any]] = []
-    problems: list[str] = []
-    for name, entry in CATALOGUE.items():
-        try:
-            hand = load_hand(name)
-        except HandNotLoaded as error:  # a missing hand does not hide the others
-            problems.append(str(error))
-            continue
-        rows.append(
-            {
-                "name": name,
-                "title": entry.title,
-                "actuated_joints": hand.n,
-                "moving_joints": hand.n + len(hand.couplings),
-                "mass_kg": round(hand.mass, 6),
-                "fingers": [finger.name for finger in hand.fingers],
-                "effort": _effort_ranges(hand),
-            }
-        )
-    return rows, problems
+    names = [(name,) for name in CATALOGUE]
+    with forked_results(_row, names, min(_SIDE_BY_SIDE, os.cpu_count() or 1)) as found:
+        rows = list(found)
+    return [row for row in rows if isinstance(row, dict)], [row for row in rows if isinstance(row, str)]
+
+
+def _row(name: str) -> dict[str, Any] | str:
+    """A hand of the catalogue; where it cannot be loaded, why: a missing one does not hide the others."""
+    try:
+        hand = load_hand(name)
+    except HandNotLoaded as error:
+        return str(error)
+    return {
+        "name": name,
+        "title": CATALOGUE[name].title,
+        "actuated_joints": hand.n,
+        "moving_joints": hand.n + len(hand.couplings),
+        "mass_kg": round(hand.mass, 6),
+        "fingers": [finger.name for finger in hand.fingers],
+        "effort": _effort_ranges(hand),
+    }
 
 
 def library_names() -> dict[str, list[str] | None]:
