@@ -33,8 +33,8 @@ def without_levers(
     """The chains that are fingers; levers are noted, and the pairs of links that pins may join added to ``pinned``.
 
     A lever is moved by no motor that does not move its finger as well, overlaps it wherever both are, and ends short of
-    it, measured from where the finger begins. ``driven``: joints that motors move; where these are none of the hand's,
-    all are.
+    it, measured from where the finger begins. Or it is a motor's rod: it slides, and joints of the finger turn with it.
+    ``driven``: joints that motors move; where these are none of the hand's, all are.
     """
     moved = {model.joints[model.getJointId(joint)].idx_v for joint in driven if model.existJointName(joint)}
     moved = moved or set(range(model.nv))
@@ -47,7 +47,11 @@ def without_levers(
         fingers = [other for other in chains if other is not chain and own <= _dofs(model, other)]
         if fingers and looks is None:
             looks = _Looks(model, hulls(geometry))
-        carried = [finger for finger in fingers if looks is not None and looks.carries(chain, finger)]
+        carried = [
+            finger
+            for finger in fingers
+            if _is_rod(model, chain, finger) or (looks is not None and looks.carries(chain, finger))
+        ]
         if carried:
             levers.append(chain[-1].joint.child)
             joined += [pair for finger in carried for pair in product(_links(chain), _links(finger))]
@@ -67,6 +71,13 @@ def _links(chain: list[Part]) -> list[str]:
 def _dofs(model: pin.Model, chain: list[Part]) -> set[int]:
     """Positions in q of the joints that move a chain."""
     return {model.joints[model.getJointId(part.joint.name)].idx_v for part in chain}
+
+
+def _is_rod(model: pin.Model, chain: list[Part], finger: list[Part]) -> bool:
+    """Whether a chain ends in a link that slides, and joints that turn the finger follow it."""
+    rod = chain[-1]
+    turning = [part for part in finger if part.joint.type != "prismatic"]
+    return rod.joint.type == "prismatic" and bool(_dofs(model, [rod]) & _dofs(model, turning))
 
 
 class _Looks:

@@ -1265,3 +1265,24 @@ def test_meshes_travel_without_their_trees():
             coal.distance(mesh, at, ball, point, coal.DistanceRequest(), coal.DistanceResult()) for mesh in (one, other)
         ]
         assert gaps[0] == pytest.approx(gaps[1], abs=1e-12)
+
+
+def test_a_motors_rod_is_no_finger(tmp_path):
+    """It slides beside the finger whose joints turn with it, as in hands of push rods."""
+    parts = [link("palm", 0.3, "box 0.08 0.08 0.02")]
+    for name, y in (("index", -0.02), ("thumb", 0.02)):
+        parts += [
+            link(f"{name}_base", 0.02, "box 0.012 0.012 0.012"),
+            joint(f"{name}_turn", "palm", f"{name}_base", f"0 {y} 0.016", "0 0 1", "-0.5 0.5 5 3"),
+            link(f"{name}_rod", 0.01, "box 0.004 0.004 0.02", "0 0 0.05"),
+            joint(f"{name}_push", f"{name}_base", f"{name}_rod", "0.02 0 0", "0 0 1", "0 0.008 50 1", kind="prismatic"),
+            link(name, 0.03, "box 0.012 0.014 0.07", "0 0 0.035"),
+            joint(
+                f"{name}_close", f"{name}_base", name, "0 0 0.006", "0 -1 0", "0 0.8 5 3", mimic=f"{name}_push 100 0"
+            ),
+        ]
+    path = tmp_path / "rods.urdf"
+    path.write_text(robot("rods", *parts), encoding="utf-8")
+    hand = load_hand(path)
+    assert {finger.name for finger in hand.fingers} == {"index", "thumb"}
+    assert any("index_rod" in note and "not fingers" in note for note in hand.notes)
