@@ -98,7 +98,14 @@ def prepare_hand(description: RobotDescription) -> PreparedHand:
     without = [name for name in joints if name in limits and not limits[name].effort]
     if without:
         notes.append(f"no effort limit (none given, or 0): {', '.join(without)}")
-    notes += [f"joint {name} follows {couplings[name]}" for name in joints if name in couplings]
+    following: dict[str, list[str]] = {}
+    for name in joints:
+        if name in couplings:
+            following.setdefault(str(couplings[name]), []).append(name)
+    notes += [
+        f"joint {', '.join(names)} follows {other}" if len(names) == 1 else f"joints {', '.join(names)} follow {other}"
+        for other, names in following.items()
+    ]
     aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}
     return PreparedHand(
         name=robot.name or Path(source).stem,
