@@ -179,8 +179,8 @@ def build_hand(
     hand = hand.with_limits({} if limits is None else limits)
     slides = hand.slides.tolist()
     odd = [*speed_notes(hand.joint_names, slides, hand.velocity), *size_notes(hand.model, hand.geometry)]
-    whole = any(note.startswith(ON_ROOT) for note in hand.notes)
-    hand = replace(hand, notes=(*hand.notes, *odd, *([] if whole else placeholder_notes(hand))))
+    doubtful = any(note.startswith(ON_ROOT) for note in hand.notes) and not _is_on_arm(prepared, hand.palm)
+    hand = replace(hand, notes=(*hand.notes, *odd, *([] if doubtful else placeholder_notes(hand))))
     if hulls:
         ends = {finger.joint_ids[-1] for finger in hand.fingers} | ({0} if len(hand.fingers) == 1 else set())
         cut, told = cut_hollow_links(hand.geometry, ends)
@@ -275,6 +275,11 @@ def _build_hand(
     )
 
 
+def _is_on_arm(prepared: PreparedHand, palm: str) -> bool:
+    """Whether so many joints come before the palm that they are those of an arm."""
+    return joints_before(prepared.joints, palm) >= _ARM
+
+
 def _on_root(
     model: pin.Model, prepared: PreparedHand, solid: set[str], palm: str, fingers: Sequence[Finger]
 ) -> list[str]:
@@ -283,8 +288,8 @@ def _on_root(
     def alone(link: str) -> str:
         return with_followed(prepared.joints, prepared.followed, link)
 
-    if (before := joints_before(prepared.joints, palm)) >= _ARM:
-        root = alone(palm)
+    if _is_on_arm(prepared, palm):
+        root, before = alone(palm), joints_before(prepared.joints, palm)
         return [
             f"{ON_ROOT}{before} joints, those of an arm, come before the palm '{palm}': root='{root}' loads the hand "
             "alone"

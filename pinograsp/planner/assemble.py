@@ -265,13 +265,12 @@ def _cautions(hand: HandModel, solution: ForceSolution, motion: Motion, unstable
         for name, gap in zip(contacts.names, behind_hulls(hand, contacts))
         if gap > HOLLOW
     ]
-    if problem.object is not None:
-        if links := pressing_too(hand, solution, motion.q[-1]):
-            touch, carry = ("touches", "it carries") if len(links) == 1 else ("touch", "they carry")
-            cautions.append(
-                f"{', '.join(links)} {touch} the object while the hand presses, although no contact is planned there: "
-                f"{carry} part of the force"
-            )
+    if problem.object is not None and (links := pressing_too(hand, solution, motion.q[-1])):
+        touch, carry = ("touches", "it carries") if len(links) == 1 else ("touch", "they carry")
+        cautions.append(
+            f"{', '.join(links)} {touch} the object while the hand presses, although no contact is planned there: "
+            f"{carry} part of the force"
+        )
     if unstable:
         cautions.append(unstable)
     return (*cautions, *drive_cautions(hand, solution, motion), *_hardly_pressing(solution))

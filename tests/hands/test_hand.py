@@ -1286,3 +1286,23 @@ def test_a_motors_rod_is_no_finger(tmp_path):
     hand = load_hand(path)
     assert {finger.name for finger in hand.fingers} == {"index", "thumb"}
     assert any("index_rod" in note and "not fingers" in note for note in hand.notes)
+
+
+def test_odd_limits_of_a_hand_on_an_arm_are_told(tmp_path):
+    parts, before = [link("stand", 1.0, "box 0.1 0.1 0.1")], "stand"
+    for i in range(6):
+        parts += [
+            link(f"arm{i}", 1.0, "box 0.05 0.05 0.1"),
+            joint(f"turn{i}", before, f"arm{i}", "0 0 0.2", "0 1 0", "-1 1 5000 1"),
+        ]
+        before = f"arm{i}"
+    parts += [link("palm", 0.5, "box 0.12 0.05 0.04", "0 0 -0.02"), joint("flange", before, "palm", "0 0 0.1")]
+    for side, sign in (("left", 1), ("right", -1)):
+        parts += [
+            link(f"{side}_jaw", 0.06, "box 0.014 0.02 0.07", f"{sign * 0.007} 0 0.035"),
+            joint(f"{side}_slide", "palm", f"{side}_jaw", "0 0 0", f"{sign} 0 0", "0 0.04 1000 0.1", kind="prismatic"),
+        ]
+    path = tmp_path / "arm.urdf"
+    path.write_text(robot("arm", *parts), encoding="utf-8")
+    told = " ".join(note for note in load_hand(path).notes if "look like placeholders" in note)
+    assert "left_slide 1000 N" in told and "turn0" not in told
