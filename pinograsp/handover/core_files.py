@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -21,6 +22,16 @@ _ON_LINKS = ("link_points", "link_normals")  # contacts in the frames of their l
 _ARRAYS = (
     *("com", "points", "rotations", "mu", "least", "largest", "torque_limit", "jacobian", "gravity", "posture"),
     "load",
+)
+# Words of C++ that could be the name of a file, and namespaces that are there.
+_KEPT = (
+    "alignas alignof and asm auto bitand bitor bool break case catch char class co_await co_return co_yield compl "
+    "concept const const_cast consteval constexpr constinit continue decltype default delete do double "
+    "dynamic_cast else enum explicit export extern false final float for friend goto if import inline int long "
+    "module mutable namespace new noexcept not nullptr operator or override pinograsp private protected public "
+    "register reinterpret_cast requires return short signed sizeof static static_assert static_cast std struct "
+    "switch template this thread_local throw true try typedef typeid typename union unsigned using virtual void "
+    "volatile wchar_t while xor"
 )
 _INPUTS = ("points", "rotations", "mu", "least", "largest", "torque_limit", "com")
 
@@ -81,11 +92,16 @@ def _list(values: Any) -> str:
     return ", ".join(_number(float(one)) for one in _flat(values))
 
 
+def _namespace(name: str) -> str:
+    """The name of a file as that of a namespace: other letters are _, and what C++ keeps for itself is preceded."""
+    plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "grasp"
+    return f"grasp_{plain}" if plain[0].isdigit() or plain in _KEPT.split() else plain
+
+
 def _header(constants: Mapping[str, Any], name: str) -> str:
     grip = constants if "loop" in constants else None
     constants, kind = (constants, "Online") if grip is None else (constants["loop"], "Grip")
-    space = "".join(letter if letter.isalnum() else "_" for letter in name)
-    space = f"grasp_{space}" if space[0].isdigit() else space
+    space = _namespace(name)
     named: dict[str, Any] = {"contact_links": []} | dict(constants)
     names = ("contact_names", "contact_links", "joint_names")
     texts = {key: ", ".join(json.dumps(one) for one in named[key]) for key in names}

@@ -79,7 +79,14 @@ def test_constants_as_json(plan, tmp_path):
 
 
 def test_a_header_is_named_after_its_file(plan, tmp_path):
-    for name, space in (("grasp", "grasp"), ("my mug", "my_mug"), ("2 cups", "grasp_2_cups")):
+    for name, space in (
+        ("grasp", "grasp"),
+        ("my mug", "my_mug"),
+        ("2 cups", "grasp_2_cups"),
+        ("class", "grasp_class"),  # a word of C++
+        ("left--hand", "left_hand"),  # two underscores are kept for C++ itself
+        ("手", "grasp"),
+    ):
         assert f"\nnamespace {space} {{\n" in plan.to_core(tmp_path / f"{name}.hpp").read_text()
 
 
