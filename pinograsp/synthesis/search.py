@@ -99,8 +99,6 @@ class GraspSearch:
     def size_remark(self) -> str:
         """That the object is larger than the hand opens, or very small for it, in words; else nothing."""
         least, largest = self.opening
-        if self.grasps or self.near:  # it fits
-            return ""
         if not np.isfinite(self.width):
             told = "No two surfaces of the object face each other, 0.1 mm apart or more"
             return f"{told}; this hand opens by {1e3 * least:.3g} to {1e3 * largest:.3g} mm"
