@@ -20,6 +20,7 @@ SWINGING = 2e-3  # [m] from one side to the other, of an object that swings on i
 GONE = 0.05  # [m] an object that has moved this far is lost
 SLIPPED = 1e-4  # [m]
 _BEYOND = 1e-3  # [rad or m] past a joint's limit
+_PERIODS, _FITS = 60, 0.2  # that are tried of a swing, and what its fit leaves of a line's misfit at most
 AT_LIMIT = 1e-6  # relative distance to a torque limit
 
 
@@ -123,6 +124,10 @@ def _decide(
     late = times >= times[-1] - last - 1e-9
     resting = poses[late, :3, 3]
     still = _creep(times[late], resting, shaken if in_phase else None)
+    if not in_phase:
+        longer = times >= times[-1] - 2 * last - 1e-9
+        besides = _creep_besides_swing(times[longer], poses[longer, :3, 3])
+        still = still if besides is None else 0.5 * besides
     if not still <= RESTING:
         return False, f"the object still creeps: {1e3 * still:.2f} mm in the last {last:.2f} s"
     swing = 0.0 if shaken else float(np.linalg.norm(np.ptp(resting, axis=0)))
@@ -142,6 +147,30 @@ def _creep(times: Array, positions: Array, period: float | None) -> float:
         columns += [wave(2 * np.pi * since / period) for wave in (np.sin, np.cos)]
     rate = np.linalg.lstsq(np.column_stack(columns), positions, rcond=None)[0][1]
     return float(np.linalg.norm(rate) * since[-1])
+
+
+def _creep_besides_swing(times: Array, positions: Array) -> float | None:
+    """As :func:`_creep` with the period of the swing that fits the positions best; None where none does.
+
+    Without it, a cycle or two of a swing would look like a creep, or hide one.
+    """
+    since = times - times[0]
+    line = np.column_stack([np.ones_like(since), since])
+    best, least = None, _FITS * float(np.linalg.norm(_misfit(line, positions)))
+    # Two whole swings at least, or a creep that slows down would be one.
+    for period in np.geomspace(0.05, 0.5, _PERIODS) * since[-1]:
+        waves = [wave(2 * np.pi * since / period) for wave in (np.sin, np.cos)]
+        fades = [since * wave for wave in waves]
+        left = float(np.linalg.norm(_misfit(np.column_stack([line, *waves, *fades]), positions)))
+        if left < least:
+            best, least = _creep(times, positions, float(period)), left
+    return best
+
+
+def _misfit(columns: Array, positions: Array) -> Array:
+    """What a fit of columns (s, c) leaves of positions (s, 3)."""
+    left: Array = positions - columns @ np.linalg.lstsq(columns, positions, rcond=None)[0]
+    return left
 
 
 def _audit(energies: Mapping[str, Array]) -> float:

@@ -58,6 +58,27 @@ def test_a_small_swing_about_a_place_is_told_and_held(judged):
     assert not judged(lambda t: 4e-4 * np.sin(2 * np.pi * 33.0 * t) + 4e-3 * t, None).held
 
 
+@pytest.mark.parametrize("cycles", [0.9, 1.0, 1.4, 2.3, 6.0])
+@pytest.mark.parametrize("phase", np.linspace(0.0, 2 * np.pi, 6, endpoint=False))
+def test_a_swing_is_no_creep_whatever_its_period_and_phase(judged, cycles, phase):
+    """A bottle that jaws hold by its neck swings for seconds; so many cycles of that are in the last fifth."""
+
+    def swing(t):
+        return 8e-4 * np.exp(-0.1 * t) * np.sin(2 * np.pi * cycles * t / 0.2 + phase)
+
+    assert judged(swing, None).held
+    crept = judged(lambda t: swing(t) + 3e-3 * t, None)
+    assert not crept.held and "creeps" in crept.reason
+
+
+@pytest.mark.parametrize("decay", [0.3, 1.0, 3.0])
+def test_a_creep_that_slows_down_is_no_swing(judged, decay):
+    """It goes by 0.8 mm in the last fifth."""
+    size = 8e-4 / (np.exp(-0.8 * decay) - np.exp(-decay))
+    seen = judged(lambda t: size * (1.0 - np.exp(-decay * t)), None)
+    assert not seen.held
+
+
 def test_of_a_slow_shaking_the_end_counts(judged):
     assert not judged(lambda t: 4e-3 * t, 5.0).held
     assert judged(lambda t: 4e-3 * np.minimum(t, 0.5), 5.0).held
