@@ -224,11 +224,14 @@ def summary(rows: list[dict]) -> str:
     return "\n".join(lines)
 
 
+_SAID = {"GraspInfeasible": "infeasible", "GraspUndecided": "undecided", "GraspNotFound": "not found"}
+
+
 def _cell(one: dict) -> str:
     if one["good"]:
         return f"{one['force_N']} N"
     if one["status"] != "ok":
-        return str(one["status"])
+        return _SAID.get(one["status"], str(one["status"]))
     if not one["closure"]:
         return "no force closure"
     return "lost: " + ", ".join(trial for trial in TRIALS if one[trial] is False)

@@ -3,13 +3,19 @@
 Tutorials are executed, and what they print is shown.
 """
 
+import re
 import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
 
+from docutils import nodes
 from sphinx import addnodes
+from sphinx.util.inspect import TypeAliasForwardRef
 
 import pinograsp
+
+# Sphinx shows arrays within unions and mappings as this.
+TypeAliasForwardRef.__repr__ = lambda self: self.name
 
 sys.path.insert(0, str(Path(__file__).parent))  # mathml, gallery_pictures
 
@@ -124,12 +130,40 @@ search_keywords = {
 }
 
 
+_LONG = 20  # letters of a name that has its line to itself
+
+
 def _plain_bars(app, what, name, obj, options, lines):
     """|x| is a norm in these docstrings, not a substitution."""
     for i, line in enumerate(lines):
         parts = line.split("``")
         parts[::2] = [part.replace("|", r"\|") for part in parts[::2]]
         lines[i] = "``".join(parts)
+
+
+def _keep_sentences(app, what, name, obj, options, lines):
+    """Before a colon in a property's first line napoleon would see its type."""
+    if what in ("property", "attribute", "data") and lines:
+        before, colon, after = lines[0].partition(": ")
+        lines[:1] = [before + colon.rstrip(), after] if after else lines[:1]
+
+
+def _part_attributes(app, what, name, obj, options, lines):
+    """Attributes that share a text are fields of their own."""
+    parted = []
+    for line in lines:
+        names, _, text = line.removeprefix(":ivar ").partition(":")
+        shared = line.startswith(":ivar ") and "," in names
+        each = names.split(", ") if shared else []
+        parted += [f":ivar {one}:{text}" for one in each] or [line]
+    lines[:] = parted
+
+
+def _name_defaults(app, what, name, obj, options, signature, returned):
+    """Defaults that are not Python, of factories and functions, as dots."""
+    if signature is None:
+        return None
+    return re.sub(r"<factory>|<function .*?>", "...", signature), returned
 
 
 def _skip_front_door(app, what, name, obj, skip, options):
@@ -162,6 +196,19 @@ def _link_front_door(app, what, name, obj, options, lines):
             lines += ["", f"With pages of their own: {links}."]
 
 
+def _break_names(app, doctree):
+    """Long names in tables may break after their dots and lines."""
+    for row in doctree.findall(nodes.row):
+        for literal in row.findall(nodes.literal):
+            name = literal.astext()
+            pieces = re.split(r"(?<=[._/:])(?=\w)", name)
+            if len(name) > _LONG and len(pieces) > 1:
+                literal.clear()
+                for piece in pieces:
+                    gap = nodes.raw("", "<wbr>", format="html")
+                    literal.extend([gap, nodes.Text(piece)])
+
+
 def _add_keywords(app, doctree):
     """The page's keywords, as entries of the index: the search looks there first."""
     if words := app.config.search_keywords.get(app.env.docname):
@@ -171,10 +218,14 @@ def _add_keywords(app, doctree):
 
 def setup(app):
     """What Sphinx calls first."""
+    app.connect("autodoc-process-docstring", _keep_sentences, priority=400)
     app.connect("autodoc-process-docstring", _plain_bars)
+    app.connect("autodoc-process-docstring", _part_attributes, priority=600)
     app.connect("autodoc-process-docstring", _link_front_door)
     app.connect("autodoc-skip-member", _skip_front_door)
     app.connect("autodoc-skip-member", _skip_nameless_fields)
     app.connect("autodoc-process-signature", _drop_model_signature)
+    app.connect("autodoc-process-signature", _name_defaults)
     app.add_config_value("search_keywords", {}, "env", types=(dict,))
+    app.connect("doctree-read", _break_names)
     app.connect("doctree-read", _add_keywords)

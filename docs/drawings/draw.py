@@ -52,7 +52,7 @@ def page(width, height, x, y):
 
 def frames():
     """World, hand, object, contact."""
-    figure, axes = page(5.6, 3.6, (-0.8, 6.6), (-0.7, 4.0))
+    figure, axes = page(5.8, 3.6, (-0.8, 6.9), (-0.7, 4.0))
     axes.add_patch(
         Rectangle((2.6, 0.6), 1.5, 2.4, facecolor="#dfe7ef", edgecolor=GREY, lw=1.5)
     )
@@ -65,11 +65,11 @@ def frames():
         Rectangle((5.5, -0.2), 0.95, 0.75, facecolor="#cfcfd4", edgecolor=GREY)
     )
     axes.text(5.98, -0.4, "hand", ha="center", color=GREY)
-    frame(axes, (0.0, 0.0), 0.0, "o  world")
+    frame(axes, (0.0, 0.0), 0.0, "o  world", offset=(-0.25, -0.3))
     frame(axes, (3.2, 0.95), 0.0, "b", size=0.5)
-    frame(axes, (5.98, 0.1), 0.0, "h", size=0.45, offset=(-0.25, 0.1))
+    frame(axes, (5.8, -0.08), 0.0, "h", size=0.4, offset=(-0.18, 0.08))
     # z of the contact into the object, x against gravity.
-    arrow(axes, (4.1, 2.0), (-0.6, 0.0), BLUE, "z, into the object", (-0.02, -0.2))
+    arrow(axes, (4.1, 2.0), (-0.6, 0.0), BLUE, "z", (-0.13, 0.0))
     arrow(axes, (4.1, 2.0), (0.0, 0.6), RED, "x", (0.14, 0.05))
     axes.add_patch(Circle((4.1, 2.0), 0.045, color="black", zorder=3))
     axes.text(4.28, 1.72, "c", fontweight="bold")
@@ -103,7 +103,7 @@ def contact():
     )
     arrow(axes, (0, 0), (0.45, 1.3), "black", r"$h$", (0.13, 0.03))
     arrow(axes, (0, 0), (0.0, 1.3), BLUE, r"$F_n$", (-0.22, -0.05))
-    arrow(axes, (0, 0), (0.45, 0.0), RED, r"$f_x, f_y$", (0.3, -0.14))
+    arrow(axes, (0, 0), (0.45, 0.0), RED, r"$f_x, f_y$", (0.42, 0.14))
     axes.annotate(
         "",
         xy=(-1.35, 0.14),

@@ -122,7 +122,7 @@ def write_registers(plan: PlanRecord, drives: JointTrajectory, path: str | Path,
 
     Returns:
         Notes on rounding: one unit as a share of the drives' holding efforts, and in newtons at their fingers, and the
-            drives that hold with less than two units.
+        drives that hold with less than two units.
 
     Raises:
         InvalidInput: drives whose encoder step, or whose effort step, is not known. ResultsNotWritten.

@@ -59,7 +59,7 @@ def identify_taxel(
     """Calibrate the force of a taxel from its raw counts, by least squares over monotone curves that are 0 at rest.
 
     If counts no longer follow the force, the taxel is saturated: the curve ends before, and its last force is a lower
-        bound.
+    bound.
 
     Args:
         raw: counts of the taxel (s,), in the order of time, of presses from rest to the largest force and back.

@@ -211,7 +211,7 @@ class BaseMotion:
     """A motion of the hand's base, by its acceleration: the base does not turn.
 
     The simulation moves along with the base: hand and object feel inertial forces. Between these times the acceleration
-        is linear; before the first and after the last one it is zero.
+    is linear; before the first and after the last one it is zero.
 
     Attributes:
         times: increasing, counted from t_F (m,) [s].
