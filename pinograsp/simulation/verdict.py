@@ -21,6 +21,7 @@ GONE = 0.05  # [m] an object that has moved this far is lost
 SLIPPED = 1e-4  # [m]
 _BEYOND = 1e-3  # [rad or m] past a joint's limit
 _PERIODS, _FITS = 60, 0.2  # that are tried of a swing, and what its fit leaves of a line's misfit at most
+_SAMPLES = 24  # of a swing, at least: four times what its fit has to choose
 AT_LIMIT = 1e-6  # relative distance to a torque limit
 
 
@@ -155,6 +156,8 @@ def _creep_besides_swing(times: Array, positions: Array) -> float | None:
     Without it, a cycle or two of a swing would look like a creep, or hide one.
     """
     since = times - times[0]
+    if len(times) < _SAMPLES or not since[-1] > 0:
+        return None
     line = np.column_stack([np.ones_like(since), since])
     best, least = None, _FITS * float(np.linalg.norm(_misfit(line, positions)))
     # Two whole swings at least, or a creep that slows down would be one.

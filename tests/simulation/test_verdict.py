@@ -114,3 +114,9 @@ def test_what_the_plan_foresees_after_letting_go_is_compared_too():
     assert simulation.verdict.settled_error == pytest.approx(off.max(), abs=0.02)
     assert np.abs(end - settled).sum() < max(np.abs(end - planned).sum(), 0.03 * planned.sum())
     assert simulate(plan, release=False, hold=0.0, time_step=5e-4).verdict.settled_error is None
+
+
+@pytest.mark.parametrize("hold", [0.001, 0.002, 0.02])
+def test_short_holds_have_a_verdict(hold):
+    seen = simulate(pg.load_case("paper", SURFACE).plan(), hold=hold, time_step=1e-3)
+    assert isinstance(seen.verdict.held, bool)
