@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import io
 import multiprocessing
+import os
 import pickle
 import signal
 import sys
@@ -19,6 +20,7 @@ from pinograsp.errors import PinograspError
 from pinograsp.interrupts import block_interrupts
 
 _Result = TypeVar("_Result")
+_FEW = 4  # at once, of what is short
 _DIES_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
 
 
@@ -94,6 +96,11 @@ def count_processes(jobs: int) -> int:
     import joblib  # slow to import
 
     return int(joblib.effective_n_jobs(jobs))
+
+
+def count_few() -> int:
+    """Processes for what takes each less than a second: as many as cores, at most four."""
+    return min(_FEW, os.cpu_count() or 1)
 
 
 def _gather(work: _Work[_Result], copies: list[_Copy]) -> Iterator[_Result]:

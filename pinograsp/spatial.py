@@ -138,6 +138,14 @@ def pose_of(position: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = 
     return pose
 
 
+def move_about(pose: Array, centre: Array, shift: Array, turn: Array) -> Array:
+    """A placement (4, 4) turned by ``turn`` (3, 3) about a point (3,), which moves by ``shift`` (3,); world axes, m."""
+    moved = np.array(pose)
+    moved[:3, :3] = turn @ moved[:3, :3]
+    moved[:3, 3] = centre + shift + turn @ (moved[:3, 3] - centre)
+    return moved
+
+
 def moments_problem(moments: Array, most: float) -> str:
     """Why no solid has these moments of inertia, in words; empty where one may, up to the rounding of files.
 

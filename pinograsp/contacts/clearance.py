@@ -20,7 +20,7 @@ from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import solid_of
 from pinograsp.objects.body import Body, tangents
-from pinograsp.spatial import FARTHEST, Array, BoolArray
+from pinograsp.spatial import FARTHEST, Array, BoolArray, move_about
 
 PALM = "palm"
 _FAR = 1e3  # [m] farther off than any part of a hand
@@ -150,16 +150,14 @@ class Distances:
 
     def put_object(self, body: Body) -> None:
         """Move the object to where ``body``, the same solid, is."""
-        self.body, pose = body, body.shape_pose
-        self.pose = coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
+        self.body = body
+        self.pose = _coal_pose(body.shape_pose)
 
     def move_object(self, shift: Array, turn: Array) -> None:
         """Take the distances to the object turned by ``turn`` (3, 3) about its centre of mass and moved by ``shift``
         (3,), world's axes, from where :attr:`body` is.
         """
-        pose, centre = self.body.shape_pose, self.body.com_o
-        moved = centre + shift + turn @ (pose[:3, 3] - centre)
-        self.pose = coal.Transform3s(turn @ pose[:3, :3], np.ascontiguousarray(moved))
+        self.pose = _coal_pose(move_about(self.body.shape_pose, self.body.com_o, shift, turn))
 
     def of(self, part: HandPart) -> tuple[float, Array]:
         """Distance [m] and the part's nearest point (3,) in the world."""
@@ -307,6 +305,10 @@ def check_geometry(hand: HandModel) -> None:
             f"hand '{hand.name}': no finger has collision geometry, so none can touch: give the file's links collision "
             "shapes (in MJCF: geoms whose contype or conaffinity is not 0)"
         )
+
+
+def _coal_pose(pose: Array) -> coal.Transform3s:
+    return coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
 
 
 def _pose(data: pin.Data, joint: int, placement: pin.SE3) -> coal.Transform3s:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 from pinograsp.errors import ExtraMissing, HandNotLoaded
@@ -12,9 +11,7 @@ from pinograsp.hands.libraries import LIBRARIES, list_library
 from pinograsp.hands.load import load_hand
 from pinograsp.hands.model import HandModel
 from pinograsp.hands.reach import measure_reach
-from pinograsp.processes import forked_results
-
-_SIDE_BY_SIDE = 4  # hands that are loaded at once: as many as cores, at most
+from pinograsp.processes import count_few, forked_results
 
 
 def record(hand: HandModel) -> dict[str, Any]:
@@ -66,7 +63,7 @@ def record(hand: HandModel) -> dict[str, Any]:
 def overview() -> tuple[list[dict[str, Any]], list[str]]:
     """One row per hand of the catalogue, and the problems of those that cannot be loaded."""
     names = [(name,) for name in CATALOGUE]
-    with forked_results(_row, names, min(_SIDE_BY_SIDE, os.cpu_count() or 1)) as found:
+    with forked_results(_row, names, count_few()) as found:
         rows = list(found)
     return [row for row in rows if isinstance(row, dict)], [row for row in rows if isinstance(row, str)]
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from pinograsp.checks import array_of, brief, items_of, mapping_of, number, placement_of, read_only, shorten
 from pinograsp.errors import InvalidInput
-from pinograsp.spatial import Array, BoolArray, cross, moments_problem
+from pinograsp.spatial import Array, BoolArray, cross, moments_problem, move_about
 
 if TYPE_CHECKING:
     import coal
@@ -212,11 +212,8 @@ class Body:
 
         Both are in the world's axes.
         """
-        turn = array_of("turn", turn_o, (3, 3))
-        pose = np.array(self.pose)
-        pose[:3, :3] = turn @ pose[:3, :3]
-        pose[:3, 3] = self.com_o + array_of("shift", shift_o, (3,)) + turn @ (pose[:3, 3] - self.com_o)
-        return self.placed(pose)
+        shift, turn = array_of("shift", shift_o, (3,)), array_of("turn", turn_o, (3, 3))
+        return self.placed(move_about(self.pose, self.com_o, shift, turn))
 
     def project(self, points_o: ArrayLike) -> tuple[Array, Array, Array]:
         """Find the nearest surface points (k, 3) [m], inward unit normals (k, 3) and signed distances (k,) [m].

@@ -13,7 +13,7 @@ from pinograsp.contacts.clearance import Distances, parts_of
 from pinograsp.errors import PinograspError
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
-from pinograsp.spatial import Array, cross
+from pinograsp.spatial import Array, cross, move_about
 
 _CENTRINGS, _CHEAP, _RATHER = 8, 100.0, 3.0  # closings that centre jaws; they rather close on, or move, than turn
 
@@ -98,7 +98,4 @@ def _even_out(hand: HandModel, body: Body, q: Array, way: Array, pressing: list[
     if size > arm:
         motion *= arm / size
     turn = pin.exp3(motion[3:6] / (_RATHER * arm))
-    pose = np.array(hand.pose)
-    pose[:3, 3] = body.com_o + turn @ (pose[:3, 3] - body.com_o) + motion[:3]
-    pose[:3, :3] = turn @ pose[:3, :3]
-    return pose
+    return move_about(hand.pose, body.com_o, motion[:3], turn)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import LayoutEngine
 from matplotlib.transforms import BboxBase
 
-from pinograsp.processes import forked_results
+from pinograsp.processes import count_few, forked_results
 from pinograsp.words import printable
 
 # Okabe-Ito colours, which colour-blind readers can distinguish.
@@ -32,7 +31,6 @@ _FINGERS = COLOURS[:6]  # black is the load
 _KNOWN = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4, "pinky": 4, "palm": 5}
 _PAD = 0.04  # between panels and what is around them [inch]
 _LETTER, _ENTRY = 0.064, 0.53  # width of a letter of legends, and of what is beside a name [inch]
-_SIDE_BY_SIDE = 4  # figures
 _NUMBERS = 7  # intervals of an axis
 
 
@@ -235,7 +233,7 @@ def save_all(figures: Mapping[str, Callable[[], Figure]], folder: str | Path) ->
     their paths.
     """
     paths = [Path(folder) / name for name in figures]
-    with forked_results(_save, list(zip(figures.values(), paths)), min(_SIDE_BY_SIDE, os.cpu_count() or 1)) as saved:
+    with forked_results(_save, list(zip(figures.values(), paths)), count_few()) as saved:
         return list(saved)
 
 

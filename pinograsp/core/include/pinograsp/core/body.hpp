@@ -129,13 +129,15 @@ public:
             return;
         }
         before_ = before;
-        if (before && before->one >= 0) {
-            const Separation known = measure({one.piece(before->one), other.piece(before->other), there}, normal,
-                                             beyond, deep, &before->footing);
-            if (known.distance <= beyond) take(known);
-        }
         middle_ = there.act_back(one.bounds().middle);
-        face();
+        Separation known{std::numeric_limits<double>::infinity(), normal};
+        if (before && before->one >= 0)
+            known = measure({one.piece(before->one), other.piece(before->other), there}, normal, beyond, deep,
+                            &before->footing);
+        if (known.distance <= beyond)
+            take(known);
+        else
+            face();
         look(0, 0);
     }
 
