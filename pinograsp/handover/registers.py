@@ -157,11 +157,12 @@ def write_registers(plan: PlanRecord, drives: JointTrajectory, path: str | Path,
 
 def _tell_rounding(hand: HandModel, held: Array, steps: Array, forces: dict[str, float]) -> list[str]:
     """What a unit of the effort registers is of the efforts (m,) that drives hold with, and of their ``forces`` [N]."""
-    pressing = held > _PRESSES * held.max()
+    presses = np.array([forces[drive.name] for drive in hand.drives])
+    pressing = (held > _PRESSES * held.max()) & (presses > 0)
     if not pressing.any():
         return []
     share = 100 * steps[pressing] / held[pressing]
-    worth = np.array([forces[drive.name] for drive in hand.drives])[pressing] * share / 100
+    worth = presses[pressing] * share / 100
     notes = [
         f"one unit of the effort registers is {share.min():.2g} to {share.max():.2g} % of the drives' holding efforts, "
         f"up to {worth.max():.2g} N of their fingers' forces"

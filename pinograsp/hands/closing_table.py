@@ -150,7 +150,7 @@ class ClosingTable:
 
     def find_command(self, force: float) -> ClosingCommand:
         """Find speed and limit for a peak force [``unit``]: the slowest speed that reaches it, at which the peak
-        depends least on the commands.
+        depends least on the commands. If the limits that were tried are whole numbers, so is the found one, rounded up.
 
         Raises:
             InvalidInput: a force below the gentlest or above the strongest closing.
@@ -161,6 +161,8 @@ class ClosingTable:
             rising = np.maximum.accumulate([self.peaks[i] for i in rows])
             if rising[0] <= force <= rising[-1]:
                 limit = float(np.interp(force, rising, [self.limits[i] for i in rows]))
+                if all(tried.is_integer() for tried in self.limits):  # a register takes no other
+                    limit = math.ceil(limit - _SAME)
                 return ClosingCommand(speed, limit, self.predict(speed, limit))
         raise InvalidInput(
             f"force: expected {min(self.peaks):.4g} to {max(self.peaks):.4g} {self.unit}, which this finger presses "

@@ -78,7 +78,11 @@ def test_closing_drives_get_speed_and_limit(plan, tmp_path):
         assert row["position"] == "0"  # the closed end of an Inspire's angles
         assert float(row["force_N"]) == pytest.approx(one.force)
         assert min(abs(one.force - force) for force in pressed.values()) < 1e-9
-        assert float(row["expected_N"]) == pytest.approx(one.force)
+        speed, limit = float(row["speed"]), int(row["limit"])  # a register takes whole numbers, rounded up
+        table = first[one.drive]
+        assert table.predict(speed, limit).value == pytest.approx(float(row["expected_N"]))
+        assert limit - 1 < min(table.limits) or table.predict(speed, limit - 1).value < one.force
+        assert float(row["expected_N"]) >= one.force * (1 - 1e-9)
 
 
 def test_fingers_that_press_with_less_than_they_can_are_told(plan):
