@@ -17,7 +17,8 @@ from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.spatial import Array, IntArray
 
 # Intervals are wider than the bootstrap has them, as those of drives: see motion.py.
-_MASS_WIDER, _MASS_SHARE = 1.5, 0.005
+_MASS_WIDER, _MASS_SHARE = 1.4, 0.005
+_DRIVES = 0.2  # of the drives' own intervals: what they lack was mostly the same as they were identified
 _LENGTHS = np.array([1.0, 0.05, 0.05, 0.05])  # units of m [kg] and m c [kg m] that are alike, by lengths of a hand
 _TOLD = 0.95  # share of a figure that the motion tells
 
@@ -64,13 +65,15 @@ def identify_load(
             for s in rows
         ]
     )
-    blocks, wanted = [], []
+    blocks, wanted, doubts = [], [], []
     for i, drive in known:
         j, fit = hand.joint_names.index(drive.joints[0]), drives.drives[drive.name]
         made = drive.arms[0] * make_torque(fit, log, i, path[1][:, j], path[2][:, j])
         moving = find_moving(path[1][:, j], find_window(log))[rows] & np.isfinite(made[rows])
         blocks.append(np.where(moving[:, None], regressors[:, j], 0.0))
         wanted.append(np.where(moving, made[rows] - torques[rows, j], 0.0))
+        doubt = (fit.effort_step.high - fit.effort_step.low) / (2 * fit.effort_step.value)
+        doubts.append(np.where(moving, doubt * made[rows], 0.0))
     A, y = np.stack(blocks, axis=1), np.stack(wanted, axis=1)  # (s, drives, 4), (s, drives)
     # What the motion tells of m and m c, lengths in 50 mm: directions of large singular values.
     values, directions = np.linalg.svd(A.reshape(-1, 4) * _LENGTHS, full_matrices=False)[1:]
@@ -80,15 +83,19 @@ def identify_load(
         lever = frame.placement.translation
         A, told, share = A[..., :1] + A[..., 1:] @ lever[:, None], np.ones((1, 1)), np.zeros(4)
 
-    def solve(chosen: IntArray) -> Array:
+    def solve(chosen: IntArray, y: Array = y) -> Array:
         columns = A[chosen].reshape(-1, A.shape[-1]) * _LENGTHS[: A.shape[-1]] @ told.T
         found = told.T @ np.linalg.lstsq(columns, y[chosen].ravel(), rcond=None)[0]
         return np.asarray(found * _LENGTHS[: A.shape[-1]])
 
-    best = solve(np.arange(len(A)))
+    every = np.arange(len(A))
+    best = solve(every)
+    # By drive, the change of the mass for an effort that is stronger by the half width of its interval.
+    changes = [solve(every, doubt[:, None] * one)[0] for doubt, one in zip(doubts, np.eye(len(known)))]
     dt = float(np.median(np.diff(log.times))) * rows.step
     drawn = np.array([solve(chosen) for chosen in draw_blocks(len(A), dt, np.random.default_rng(seed))])
-    mass = widen(best[0], drawn[:, 0], _MASS_WIDER, _MASS_SHARE)
+    unsure = np.hypot(_MASS_SHARE * best[0], _DRIVES * np.linalg.norm(changes))
+    mass = widen(best[0], drawn[:, 0], _MASS_WIDER, float(unsure / abs(best[0])))
     if share.min() < _TOLD or best[0] <= 0:
         return mass, None
     return mass, np.asarray(frame.placement.actInv(best[1:] / best[0]))

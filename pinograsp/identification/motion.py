@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -29,13 +30,14 @@ _RESAMPLES = 200
 _DRIVE_WIDER, _DRIVE_SHARE = 3.0, 0.01
 _KNOWN = 0.3  # half width of an interval, as a share of its value: more is not identified
 _DEVIATIONS = 1.96  # standard deviations on either side in 95 %
-_CLEAR = 3.0  # times the median error of the fit: torque that tells a constant
+_MISFIT = 0.5  # half width, as a share, per median error of the fit over the torque that tells the constant
+_ROUNDS = 6  # of fits: by which gears' friction, and the register that the motion asks for, settle
 
 
 class DriveFit(NamedTuple):
-    """The torque of a drive at its joint for a register value i, with the sign s of dq: torque + outer_friction s
-    |torque| = effort_step (i - load_friction s |i|) - friction s - viscous dq - armature ddq - offset (as in Rhoban's
-    BAM, model m5, at speeds at which friction does not depend on speed).
+    """The torque of a drive at its joint for a register value i, with the sign s of dq: torque = effort_step i - s
+    |load_friction effort_step i + outer_friction torque| - friction s - viscous dq - armature ddq - offset (as in
+    Rhoban's BAM, model m5, at speeds at which friction does not depend on speed).
 
     Attributes:
         effort_step: torque or force per unit [N m or N].
@@ -161,10 +163,11 @@ def _add_masses(hand: HandModel, masses: Mapping[str, float]) -> HandModel:
     return replace(hand, model=model)
 
 
-def _columns(register: Array, torque: Array, dq: Array, ddq: Array) -> Array:
-    """By which a drive's torque is linear in what :class:`DriveFit` has, load_friction times effort_step."""
-    sign = np.sign(dq)
-    friction = [-sign * np.abs(register), -sign * np.abs(torque), -sign]
+def _columns(register: Array, torque: Array, dq: Array, ddq: Array, gears: Array) -> Array:
+    """By which a drive's torque is linear in what :class:`DriveFit` has, load_friction times effort_step;
+    ``gears``: the sign of dq (s,), times that of what friction's absolute value is taken of.
+    """
+    friction = [-gears * register, -gears * torque, -np.sign(dq)]
     return np.column_stack([register, *friction, -dq, -ddq, -np.ones_like(dq)])
 
 
@@ -178,18 +181,25 @@ def _fit_drive(
         return "its joint hardly moves: move it slowly up and down, and once fast"
     if min(np.mean(dq[moving] > 0), np.mean(dq[moving] < 0)) < 0.1:
         return "its joint moves in one direction only, so friction looks like load: move it back just as slowly"
-    y = torque[moving]
+    y, dq, ddq = torque[moving], dq[moving], ddq[moving]
     smooth = savgol_filter(register, width, 3)
 
-    def fit(delay: float) -> tuple[float, Array, Array, Array]:
-        A = _columns(_shift(log.times, smooth, delay), torque, dq, ddq)[moving]
+    def fit_from(seen: Array, pressing: Array) -> tuple[float, Array, Array, Array]:
+        gears = np.sign(dq) * np.sign(pressing)
+        A = _columns(seen, y, dq, ddq, gears)
         Z = A.copy()
-        Z[:, 0], Z[:, 1] = y, Z[:, 2]
-        for _ in range(2):  # the first instruments are those of gears without friction by the load
+        Z[:, 0], Z[:, 1] = y, Z[:, 2]  # the first instruments are those of gears without friction by the load
+        for _ in range(_ROUNDS):
             x = _solve(A, y, Z)
-            Z[:, 0] = _predict_register(x, y, A)
-            Z[:, 1] = np.sign(A[:, 3]) * np.abs(Z[:, 0])
+            made = _predict_register(x, y, A, gears)
+            gears = np.sign(dq) * np.sign(x[1] * made + x[2] * y if x[1:3].any() else made)
+            A, Z = (_columns(one, y, dq, ddq, gears) for one in (seen, made))
         return float(np.sqrt(np.mean((A @ x - y) ** 2))), x, A, Z
+
+    def fit(delay: float) -> tuple[float, Array, Array, Array]:
+        seen = _shift(log.times, smooth, delay)[moving]
+        # As if the motor pressed on the gears harder than the load, and the other way round.
+        return min((fit_from(seen, seen), fit_from(seen, y)), key=lambda one: one[0])
 
     delay = min(np.arange(-_LATEST, _LATEST, _LATEST / 20), key=lambda one: fit(one)[0])
     delay = min(delay + np.arange(-_LATEST / 20, _LATEST / 20, _LATEST / 200), key=lambda one: fit(one)[0])
@@ -201,15 +211,18 @@ def _fit_drive(
         return "its register does not follow its torque: does it belong to another drive, or is the drive off?"
     samples[:, 1] /= samples[:, 0]
     values = [x[0], x[1] / x[0], *x[2:]]
+    error = float(np.median(np.abs(A @ x - y)))
+    # What of the motor's effort no friction, inertia or offset explains tells the torque constant, and nothing else
+    # does: friction by the load, for one, looks like it where the load never drives the motor.
+    others = Z[:, 1:] * _scales(Z[:, 1:])
+    telling = abs(x[0]) * float(np.std(Z[:, 0] - others @ np.linalg.lstsq(others, Z[:, 0], rcond=None)[0]))
+    shares = {"effort_step": math.hypot(_DRIVE_SHARE, _MISFIT * error / telling) if telling > 0 else math.inf}
     fitted = {
-        name: widen(value, drawn, _DRIVE_WIDER, _DRIVE_SHARE)
+        name: widen(value, drawn, _DRIVE_WIDER, shares.get(name, _DRIVE_SHARE))
         for name, value, drawn in zip(_REGRESSED, values, samples.T)
     }
-    step, error = fitted["effort_step"], float(np.median(np.abs(A @ x - y)))
-    # What of the torque no friction, inertia or offset explains tells the torque constant, and nothing else does.
-    others = A[:, 2:] * _scales(A[:, 2:])
-    telling = float(np.std(y - others @ np.linalg.lstsq(others, y, rcond=None)[0]))
-    if telling < _CLEAR * error or step.low <= 0 or (step.high - step.low) / 2 > _KNOWN * step.value:
+    step = fitted["effort_step"]
+    if step.low <= 0 or (step.high - step.low) / 2 > _KNOWN * step.value:
         return (
             f"the torque that its motion takes, {np.ptp(y):.2g} N m or N from end to end, is lost in friction: mount "
             "the hand so that the joint lifts against gravity, or fix a known mass to the link (masses=)"
@@ -236,12 +249,14 @@ def _solve(A: Array, y: Array, Z: Array) -> Array:
         free.remove(worst)
 
 
-def _predict_register(x: Array, y: Array, A: Array) -> Array:
-    """The register that makes the torques y (s,) by a fit x; A: its columns, of which the first two are not read."""
+def _predict_register(x: Array, y: Array, A: Array, gears: Array) -> Array:
+    """The register that makes the torques y (s,) by a fit x; A: its columns for ``gears``, of which the first two are
+    not read.
+    """
     step = x[0] if x[0] != 0 else np.finfo(float).eps
     driven = (y - A[:, 2:] @ x[2:]) / step  # i - load_friction s |i|
     share = min(max(x[1] / step, 0.0), 0.9)
-    register: Array = driven / (1 - share * np.sign(-A[:, 3] * driven))
+    register: Array = driven / (1 - share * gears)
     return register
 
 
@@ -267,7 +282,11 @@ def draw_blocks(count: int, dt: float, rng: np.random.Generator) -> list[IntArra
 def make_torque(fit: DriveFit, log: MotionLog, drive: int, dq: Array, ddq: Array) -> Array:
     """Effort that a drive's register makes at its coordinate (s,)."""
     register = _shift(log.times, savgol_filter(log.effort[:, drive], find_window(log), 3), fit.delay)
-    k, outer = fit.effort_step.value, fit.outer_friction.value
-    x = [k, k * fit.load_friction.value, 0.0, *(getattr(fit, name).value for name in _REGRESSED[3:])]
-    inner: Array = _columns(register, np.zeros_like(dq), dq, ddq) @ np.array(x)
-    return inner / (1 + outer * np.sign(dq * inner))
+    inner, outer, effort = fit.load_friction.value, fit.outer_friction.value, fit.effort_step.value * register
+    others = np.array([0.0, 0.0, 0.0, *(getattr(fit, name).value for name in _REGRESSED[3:])])
+    free = effort + _columns(register, register, dq, ddq, dq) @ others  # without friction by the load
+    sign = np.sign(dq)
+    # Which sign of what the friction's absolute value is taken of is its own.
+    one, other = ((free - s * inner * effort) / (1 + s * outer) for s in (sign, -sign))
+    torque: Array = np.where(inner * effort + outer * one >= 0, one, other)
+    return torque

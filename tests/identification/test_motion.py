@@ -30,8 +30,10 @@ def hand():
     return pg.load_hand("allegro_right").placed(turned.homogeneous)
 
 
-def make_log(hand, rng, mass, *, noise=2.0, late=0.0, gears=0.0, outer=0.0, still=(), com=(0.0, 0.0, 0.0)):
-    """A log of the index finger with a mass at its tip, registers in units of 1 mN m, and friction of 0.01 N m."""
+def make_log(
+    hand, rng, mass, *, noise=2.0, late=0.0, gears=0.0, outer=0.0, friction=0.01, still=(), com=(0.0, 0.0, 0.0)
+):
+    """A log of the index finger with a mass at its tip, registers in units of 1 mN m, and friction [N m]."""
     times, dt = np.arange(0, 10, 1e-3), 1e-3
     model = hand.model.copy()
     frame = model.frames[hand.frame_id(TIP)]
@@ -46,9 +48,10 @@ def make_log(hand, rng, mass, *, noise=2.0, late=0.0, gears=0.0, outer=0.0, stil
         dq[:, j], ddq[:, j] = far * w * np.cos(w * times + phase), -far * w**2 * np.sin(w * times + phase)
     torques = np.array([pin.rnea(model, data, *one) for one in zip(q, dq, ddq)])
     sign = np.sign(dq)
-    # torque (1 + outer s s_t) = effort (1 - gears s s_e) - friction, solved for the effort
-    driven = torques + outer * sign * np.abs(torques) + 0.01 * sign + 0.004 * dq + 0.002
-    effort = driven / (1 - gears * np.sign(sign * driven))
+    # effort = driven + s |gears effort + outer torque|: the sign of what is in it decides between two efforts
+    driven = torques + friction * sign + 0.004 * dq + 0.002
+    one, other = ((driven + s * outer * torques) / (1 - s * gears) for s in (sign, -sign))
+    effort = np.where(gears * one + outer * torques >= 0, one, other)
     rows = np.arange(0, len(times), 10)
     register = np.full((len(rows), len(hand.drives)), np.nan)
     for j in JOINTS:
@@ -80,6 +83,31 @@ def test_drives_come_back_with_their_friction_and_delay(hand, seed):
     deviations = np.sqrt(np.diag(covariance))
     assert np.linalg.eigvalsh(covariance / np.outer(*2 * [np.where(deviations > 0, deviations, 1.0)])).min() > -1e-9
     # A drive's share is the ratio of what drives and what brakes; both together decide the torque constant.
+
+
+@pytest.mark.parametrize("seed", [7, 20261130])
+def test_motors_that_push_against_their_load_tell_the_gears_friction(hand, seed):
+    """Where friction is more than a small load, motor and load pull at the gears in opposite directions: what is lost
+    there is their difference (Rhoban's BAM), and the torque constant comes out nonetheless.
+    """
+    rng = np.random.default_rng(seed)
+    gears, outer = rng.uniform(0.1, 0.3), rng.uniform(0.1, 0.3)
+    log = make_log(hand, rng, 0.3, gears=gears, outer=outer, friction=0.06)
+    found = identify_motion(hand, log, masses={TIP: 0.3})
+    fit = found.drives[hand.joint_names[1]]
+    assert fit.effort_step.value == pytest.approx(1e-3, rel=0.05)
+    told = (1 + fit.outer_friction.value) / (1 - fit.load_friction.value)
+    assert told == pytest.approx((1 + outer) / (1 - gears), rel=0.06)
+    mass, _ = identify_load(hand, make_log(hand, rng, 0.2, gears=gears, outer=outer, friction=0.06), found, TIP)
+    assert mass.low <= 0.2 <= mass.high and mass.value == pytest.approx(0.2, rel=0.1)
+
+
+def test_gears_that_no_load_drives_back_hide_the_torque_constant(hand):
+    """Motor effort over torque is as large with any friction of the gears and the torque constant that belongs to it."""
+    rng = np.random.default_rng(8)
+    found = identify_motion(hand, make_log(hand, rng, 0.1, gears=0.35, outer=0.3, friction=0.5), masses={TIP: 0.1})
+    for j in JOINTS:
+        assert "lost in friction" in found.unknown[hand.joint_names[j]]
 
 
 def test_carried_mass_and_its_centre(hand):
