@@ -89,6 +89,8 @@ napoleon_attr_annotations = False  # they are in the signature
 
 html_theme = "furo"
 html_title = "pinograsp"
+# The theme's own underlines modules as if they were links.
+pygments_dark_style = "monokai"
 html_static_path = ["static"]
 html_css_files = ["tables.css"]
 html_theme_options = {"top_of_page_buttons": []}
