@@ -17,7 +17,7 @@ from pinograsp.motion.torques import inverse_dynamics
 from pinograsp.spatial import Array, IntArray
 
 # Intervals are wider than the bootstrap has them, as those of drives: see motion.py.
-_MASS_WIDER, _MASS_SHARE = 1.4, 0.005
+_MASS_WIDER, _MASS_SHARE = 1.3, 0.005
 _DRIVES = 0.2  # of the drives' own intervals: what they lack was mostly the same as they were identified
 _LENGTHS = np.array([1.0, 0.05, 0.05, 0.05])  # units of m [kg] and m c [kg m] that are alike, by lengths of a hand
 _TOLD = 0.95  # share of a figure that the motion tells

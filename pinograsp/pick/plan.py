@@ -21,7 +21,6 @@ from pinograsp.pick.pick_plan import PickPlan
 from pinograsp.pick.place import PlaceRegion, find_places, measure_tilts
 from pinograsp.pick.reach import PickTask, Reached, Reacher, ReachSetting
 from pinograsp.pick.ways import Patience
-from pinograsp.planner import GraspPlan, PlanOptions
 from pinograsp.planner.best import plan_best, plan_each
 from pinograsp.planner.planning import GraspTask
 from pinograsp.planner.stopwatch import Stopwatch
@@ -30,7 +29,6 @@ from pinograsp.synthesis import GraspSearch, Wishes, find_grasps
 # Samples of the searches, one after the other, until a grasp goes.
 _COUNTS = (16, 32)
 _ENOUGH = 4  # grasps that are reached, after which no more are looked at
-_SLOWER = 1.05  # times as long as joints need that would be too fast: forces change a little with the time, too
 _MUCH = 3.0  # times as long as planned: fingers that flick, with which another grasp may do without
 
 
@@ -137,7 +135,6 @@ def plan_pick(
         plans = plan_each(some, conditions, jobs=jobs, progress=False, refused=refused) if reached else ()
         for plan in plans:
             chosen = next(one for one in reached if one.grasp.closure is plan.closure)
-            plan = _slow_closing(plan, conditions)
             clock.stop("forces")
             if plan.status not in (Status.OK, Status.DOUBTFUL):
                 reacher.reasons[f"plan {plan.status.value}"] += 1
@@ -229,24 +226,6 @@ def read_task(
         f"start: expected a posture that keeps {1e3 * scene.clearance:g} mm from all, {what} in which {nearest.one} is "
         f"{-1e3 * nearest.spare:.3g} mm nearer to {nearest.other}: give another start="
     )
-
-
-def _slow_closing(plan: GraspPlan, conditions: GraspConditions) -> GraspPlan:
-    """The plan; where its hand would close faster than its joints can, one that takes as long as they need."""
-    limit = np.where(plan.hand.velocity > 0, plan.hand.velocity, np.inf)
-    factor = _SLOWER * float((np.abs(plan.motion.dq) / limit).max())
-    if factor <= _SLOWER or plan.closure is None:
-        return plan
-    first, last = conditions.impact_time_range
-    slower = replace(
-        conditions,
-        final_time=factor * conditions.final_time,
-        impact_time_range=(factor * first, factor * last),
-    )
-    try:
-        return GraspTask.of_closure(plan.closure, slower, PlanOptions(), progress=False).attempt()
-    except NoGrasp:
-        return plan
 
 
 def _finish(made: PickPlan, tried: int, clock: Stopwatch) -> PickPlan:

@@ -42,6 +42,8 @@ FAR = 0.02  # slip of a contact while it presses, relative to the object's size
 _OTHER = 0.1  # share by which a force at rest is another one than planned
 _TRIES = 4  # plans that are not firm, or lose misplaced objects, before the best of them is taken
 _MOST_FAULTS = 7  # that :func:`_count_faults` counts, and a squeeze that crushes
+_SLOWER = 1.05  # times as long as joints need that would be too fast: forces change a little with the time, too
+_SLOWED, _LONGEST = 3, 10.0  # times that a plan is slowed at most, and times as long as asked for
 _SHAKEN = 0.5  # of the acceleration that the reserve's force stands for
 
 
@@ -61,7 +63,8 @@ def plan_best(
     or give way far to the push of the reserve (:meth:`GraspPlan.object_stiffness`). Of the firm plans, those come first
     that keep more objects displaced by 5 mm and 5 deg; in hands of position servos of known stiffness, those in which
     the push turns the object less; and those that let the object drop by no more than 5 mm if only the hand holds it
-    from the touch on.
+    from the touch on. Where joints would move faster than their limits, the plan takes as long as they need (t_I, t_F),
+    and a note says so.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -188,7 +191,7 @@ def _plan(
     no simulation.
     """
     try:
-        plan = GraspTask.of_closure(grasp.closure, conditions, options, progress=progress).attempt()
+        plan = _plan_in_time(grasp.closure, conditions, options, progress)
     except NoGrasp as error:
         return error
     faults = _MOST_FAULTS + 1
@@ -197,6 +200,37 @@ def _plan(
     good = plan.status is Status.OK
     one = _Planned(float(faults), order, plan, grasp.closure, whole=False, checked=checked or not good)
     return one.with_losses() if whole and good else one
+
+
+def _plan_in_time(
+    closure: Closure, conditions: GraspConditions, options: PlanOptions, progress: bool | None
+) -> GraspPlan:
+    """A closure's plan; where its hand would close faster than its joints can, one that takes as long as they need.
+
+    Raises:
+        NoGrasp: as :meth:`GraspTask.attempt`.
+    """
+    plan = GraspTask.of_closure(closure, conditions, options, progress=progress).attempt()
+    hand, asked = closure.hand, conditions.final_time
+    for _ in range(_SLOWED):  # another t_I of those allowed may be the best one then
+        ratio = np.abs(plan.motion.dq).max(axis=0) / np.where(hand.velocity > 0, hand.velocity, np.inf)
+        worst = int(ratio.argmax())
+        factor = _SLOWER * float(ratio[worst])
+        final, (first, last) = factor * conditions.final_time, conditions.impact_time_range
+        if factor <= _SLOWER or final > _LONGEST * asked:
+            break
+        conditions = replace(conditions, final_time=final, impact_time_range=(factor * first, factor * last))
+        try:
+            slower = GraspTask.of_closure(closure, conditions, options, progress=progress).attempt()
+        except NoGrasp:
+            break
+        unit = "m/s" if hand.slides[worst] else "rad/s"
+        note = (
+            f"t_F is {final:.3g} s instead of {asked:g} s, because of the speed limit of {hand.joint_names[worst]}, "
+            f"{hand.velocity[worst]:g} {unit}"
+        )
+        plan = replace(slower, notes=(*slower.notes, note))
+    return plan
 
 
 class _Planned(NamedTuple):

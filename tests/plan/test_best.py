@@ -97,3 +97,25 @@ def test_all_plans_of_a_search_come_once_the_best_first(found):
     too_gentle = replace(CONDITIONS, max_normal_force=0.05)
     assert not list(plan_each(found, too_gentle, progress=False, refused=refused))
     assert len(refused) == len(found.grasps)
+
+
+@pytest.mark.parametrize("final_time", [0.5, 1.0])
+def test_plans_take_as_long_as_their_joints_need(final_time):
+    """The jaws' way takes its time at the speed limit, whatever time was asked for."""
+    hand, ball = load_hand("panda"), Sphere(radius=0.02, mass=0.1)
+    limit = 0.02  # m/s
+    model = hand.model.copy()
+    model.velocityLimit[:] = limit
+    slow = replace(hand, model=model)
+    first, last = 0.8 * final_time, 0.95 * final_time
+    conditions = GraspConditions(mu=0.6, final_time=final_time, impact_time_range=(first, last))
+    found = find_grasps(slow, ball, conditions, count=4, seed=3, impact_time=first, jobs=1)
+    plan = plan_best(found, conditions)
+    assert plan.status == "ok" and np.abs(plan.motion.dq).max() <= limit * (1 + 1e-6)
+    assert plan.forces.final_time > final_time and plan.forces.impact_time < plan.forces.final_time
+    assert any(f"instead of {final_time:g} s, because of the speed limit" in note for note in plan.notes)
+    assert not any("speed limit" in caution for caution in plan.cautions)
+    way = np.abs(plan.motion.q[-1] - plan.motion.q[0]).max()
+    assert plan.forces.final_time >= way / limit  # no faster than the way takes at that speed
+    quick = plan_best(find_grasps(hand, ball, conditions, count=4, seed=3, impact_time=first, jobs=1), conditions)
+    assert quick.forces.final_time <= plan.forces.final_time
