@@ -41,7 +41,7 @@ def test_closings_are_told_and_written_as_a_sheet_that_plans_read(command, log, 
     assert code == 2 and "hand.drives.toml" in err
     code, out, _ = command("identify", str(log), *options, "--force", "--json")
     told = json.loads(out)
-    assert code == 0 and told["commands"]["for 2.5"]["peak"]["value"] == pytest.approx(2.5)
+    assert code == 0 and 2.5 <= told["commands"]["for 2.5"]["peak"]["value"] < 2.51
     assert told["closing"]["peaks"] == values["closing"]["peaks"]
 
 

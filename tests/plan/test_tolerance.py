@@ -117,6 +117,7 @@ def test_turning_the_world_changes_nothing(plan):
     np.testing.assert_allclose(here.pushed, there.pushed, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_what_is_told_holds_in_simulation(plan):
     told = find_tolerance(plan)
     assert told.distance >= 2.5e-3

@@ -131,6 +131,7 @@ def test_load_and_mass_are_within_their_bounds(plan):
     assert np.mean(within) >= 0.9, SEED  # 95 % of them, and what chance does to 60
 
 
+@pytest.mark.slow
 def test_a_contact_that_holds_has_at_least_the_friction_of_its_ratio_and_one_that_slips_no_more(plan):
     told = planned_of(plan)[:, 2] > 0.5
     low, high = [], []
