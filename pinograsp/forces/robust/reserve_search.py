@@ -104,9 +104,9 @@ def search_reserve(
 ) -> RobustForces:
     """Search the impact times for the least-cost squeeze, with a certified program at each of them.
 
-    Late impacts cost less but leave less time to press. The search narrows an interval around the best impact time so
-    far. Its squeeze is the proven optimum at its own impact time; it is not proven that no other impact time is
-    cheaper.
+    Late impacts cost less but leave less time to press. If the latest impact costs no more than one just before it, it
+    is taken; else the search narrows an interval around the best impact time so far. Its squeeze is the proven optimum
+    at its own impact time; it is not proven that no other impact time is cheaper.
 
     Args:
         problem: of holding an object, without the reserve.
@@ -134,6 +134,9 @@ def search_reserve(
         found = tried[start]
         if found.certificate is not None and not found.certificate.at_torque:
             return found
+    narrow = _NARROW * (late - early)
+    if cost(late) < np.inf and cost(late) <= cost(late - 0.99 * narrow):
+        return replace(tried[late], tried=len(tried), elapsed=time.perf_counter() - started)
     first = np.linspace(early, late, 4).tolist() if late > early else [early]
     if min([cost(t) for t in first]) == np.inf:
         none = program.solve(early, Restrictions(bounds=widest_range(program.kept)), proven=True)
@@ -144,10 +147,10 @@ def search_reserve(
         times = sorted(tried)
         best = min(range(len(times)), key=lambda i: cost(times[i]))
         before, after = times[max(best - 1, 0)], times[min(best + 1, len(times) - 1)]
-        if after - before <= _NARROW * (late - early):
+        if after - before <= narrow:
             break
-        at, narrow = times[best], _NARROW * (late - early)
-        if best in (0, len(times) - 1):  # late impacts mostly cost least: whether the last one does, the next tells
+        at = times[best]
+        if best in (0, len(times) - 1):
             cost(at + 0.99 * narrow if best == 0 else at - 0.99 * narrow)
             continue
         # The larger of the two parts beside the best, at the golden section.
