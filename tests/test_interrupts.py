@@ -82,7 +82,7 @@ def test_processes_of_parallel_work_do_not_hear_ctrl_c():
     """In a process of its own: the first to start such processes is the one that could get it wrong."""
     script = (
         "import signal\n"
-        "from pinograsp.interrupts import parallel_results\n"
+        "from pinograsp.processes import parallel_results\n"
         "asked = [(signal.SIG_BLOCK, ())] * 4\n"
         "with parallel_results(signal.pthread_sigmask, asked, 2, return_as='generator') as blocked:\n"
         "    print(all(signal.SIGINT in one for one in blocked))\n"

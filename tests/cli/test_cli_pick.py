@@ -13,6 +13,7 @@ BALL = "sphere:radius=0.03,mass=0.1"
 PICK = ("pick", "panda", BALL, "--at", "0.5,0.2", "--to", "0.5,-0.2")
 
 
+@pytest.mark.slow
 def test_a_pick_is_planned_and_written(command, tmp_path):
     folder = tmp_path / "pick"
     wall = ("--box", "wall=0.02,0.2,0.15,0.5,0,0.075")

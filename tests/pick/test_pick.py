@@ -130,6 +130,7 @@ def tilts_of(plan):
     return np.arccos(np.clip((palms[:, :3, :3] @ axis)[:, 2], -1.0, 1.0))
 
 
+@pytest.mark.slow
 def test_what_is_full_stays_upright_and_slow_and_goes_to_a_region(scene):
     region = PlaceRegion(x=(0.4, 0.6), y=(-0.35, -0.2))
     motion = PickMotion(upright=np.radians(5.0), object_speed=0.25)
@@ -264,6 +265,7 @@ def test_lifting_alone(scene):
     assert seen.object_poses[-1, 2, 3] == pytest.approx(plan.body.pose[2, 3] + 0.1, abs=0.005)
 
 
+@pytest.mark.slow
 def test_what_is_out_of_reach_is_told(scene):
     far = a_can().placed(pose_of((1.4, 0.0, 0.06)))
     with pytest.raises(PickFailed, match=r"none of \d+ grasps is possible: .*out of reach") as told:

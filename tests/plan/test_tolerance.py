@@ -163,6 +163,7 @@ def test_errors_spread_along_a_table_or_everywhere():
     assert np.linalg.norm(displaced.mean(axis=0)) < 1e-3
 
 
+@pytest.mark.slow
 def test_misplaced_objects_are_drawn_along_the_table(plan):
     errors = Errors.of_pose(PoseError(distance=0.003, angle=0.05))
     assert errors.kinds == ("pose",)

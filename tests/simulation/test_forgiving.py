@@ -24,6 +24,7 @@ def standing():
     return pg.plan_best(found, conditions)
 
 
+@pytest.mark.slow
 def test_an_error_takes_a_share_of_the_force_or_adds_it(standing):
     """A joint held off by 5 mm at 6 cm or more is off by 0.08 rad: half of its torque, where a stiff servo's is used up.
 
@@ -86,6 +87,7 @@ def test_joints_are_held_where_they_are(standing):
     assert np.ptp(seen.torques[after][-1] - standing.motion.holding_torques) < 0.5
 
 
+@pytest.mark.slow
 def test_the_plan_knows_its_table(standing):
     """What the plan stands on is what supports the object, unless another support is asked for."""
     settings = {"hold": 0.1, "time_step": COARSE}

@@ -296,7 +296,7 @@ def test_wrapped_grasps_rest_on_the_palm():
         assert clearance(one.closure.hand, pen, one.closure.q) > -1e-6
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", slow_except([1, 2], 2))
 def test_objects_of_ones_own_class_are_placed(jobs):
     class Ball(Sphere):
         """No module knows it by name."""
