@@ -18,7 +18,7 @@ from pinograsp.spatial import Array, IntArray
 
 # Intervals are wider than the bootstrap has them, as those of drives: see motion.py.
 _MASS_WIDER, _MASS_SHARE = 1.3, 0.005
-_DRIVES = 0.2  # of the drives' own intervals: what they lack was mostly the same as they were identified
+_DRIVES = 0.2  # share of the drives' own intervals: their errors are mostly alike in both logs, and cancel
 _LENGTHS = np.array([1.0, 0.05, 0.05, 0.05])  # units of m [kg] and m c [kg m] that are alike, by lengths of a hand
 _TOLD = 0.95  # share of a figure that the motion tells
 
@@ -95,7 +95,7 @@ def identify_load(
     dt = float(np.median(np.diff(log.times))) * rows.step
     drawn = np.array([solve(chosen) for chosen in draw_blocks(len(A), dt, np.random.default_rng(seed))])
     unsure = np.hypot(_MASS_SHARE * best[0], _DRIVES * np.linalg.norm(changes))
-    mass = widen(best[0], drawn[:, 0], _MASS_WIDER, float(unsure / abs(best[0])))
+    mass = widen(best[0], drawn[:, 0], _MASS_WIDER, float(unsure / abs(best[0])) if best[0] else 0.0)
     if share.min() < _TOLD or best[0] <= 0:
         return mass, None
     return mass, np.asarray(frame.placement.actInv(best[1:] / best[0]))

@@ -225,7 +225,8 @@ def _fit_drive(
     if step.low <= 0 or (step.high - step.low) / 2 > _KNOWN * step.value:
         return (
             f"the torque that its motion takes, {np.ptp(y):.2g} N m or N from end to end, is lost in friction: mount "
-            "the hand so that the joint lifts against gravity, or fix a known mass to the link (masses=)"
+            "the hand so that the joint lifts against gravity, or fix a known mass to the link (masses=); where no "
+            "load drives the motor back through its gears, no motion shows it: press on a scale instead"
         )
     spread = np.array([(fitted[name].high - fitted[name].low) / (2 * _DEVIATIONS) for name in _REGRESSED])
     deviations = np.std(samples, axis=0, ddof=1)
