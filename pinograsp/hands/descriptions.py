@@ -27,7 +27,6 @@ from pinograsp.hands.urdf_couplings import add_couplings
 from pinograsp.hands.urdf_drives import actuation_of
 from pinograsp.hands.urdf_file import read_urdf
 from pinograsp.hands.urdf_tree import cut_out
-from pinograsp.hands.xacro_files import expand_xacro
 
 if TYPE_CHECKING:
     import mujoco
@@ -105,6 +104,8 @@ def read_description(
             path = file_of(name) if name in CATALOGUE else _find_file(name)
         text = "" if path.suffix.lower() == ".xacro" else _read_text(name, path)
     if path.suffix.lower() == ".xacro":
+        from pinograsp.hands.xacro_files import expand_xacro  # its evaluator takes 50 ms to import
+
         text = expand_xacro(path, arguments, trusted=trusted, packages=folders)
     elif arguments:
         raise HandNotLoaded(name, f"arguments {', '.join(arguments)} given, but only xacro files take arguments")
