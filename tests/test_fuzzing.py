@@ -43,6 +43,15 @@ DOES = {
     "swallowed": ("try:\n        os.mkdir('/x')\n    except OSError:\n        pass", "file"),
     "process": ("subprocess.run(['true'])", "process"),
     "shell": ("os.system('true')", "process"),
+    "fork": ("os.fork()", "process"),
+    "copies": (
+        "with forked_results(abs, [(1,), (-2,)], 2) as found:\n        assert list(found) == [1, 2]",
+        "label",
+    ),
+    "foreign folder in a copy": (
+        "with forked_results(os.listdir, [('/',), ('/',)], 2) as found:\n        list(found)",
+        "foreign exception",
+    ),
     "socket": ("socket.socket(type=socket.SOCK_DGRAM).connect(('192.0.2.1', 9))", "socket"),
     "abort": ("os.abort()", "crash"),
     "segmentation fault": ("ctypes.string_at(0)", "crash"),
@@ -60,6 +69,7 @@ def results(tmp_path_factory):
     kind.write_text(
         "import ctypes, os, socket, subprocess, sys, tempfile, threading, time\nimport pinograsp\n"
         "import pinograsp.errors\n"
+        "from pinograsp.processes import forked_results\n"
         "LOOPBACK, EXIT_CODES = True, (0, 2)\n"
         "def prepare(): pass\n"
         f"{functions}\n"

@@ -9,7 +9,6 @@ import json
 import pickle
 import tempfile
 import zipfile
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -118,10 +117,7 @@ def run(case: dict) -> str:
     try:
         if use in ("report", "figures"):
             drawn = use == "figures" and not isinstance(loaded, PlanFailure)
-            figures = []
-            if drawn:  # outside the main thread it starts no processes, and the watch sees all that it does
-                with ThreadPoolExecutor(1) as beside:
-                    figures = beside.submit(save_figures, loaded, folder).result()
+            figures = save_figures(loaded, folder) if drawn else []
             write_report(loaded, folder, figures, check)
         elif use == "page":
             save_html(loaded, folder / "page.html", simulation=check)
