@@ -36,10 +36,9 @@ def limit_arm(
     carries [m/s], None: any.
     """
     n, kept = robot.n, 1.0 - reserve
-    own = np.where(robot.velocity > 0, robot.velocity, np.inf)
     return ArmLimits(
         torque=kept * effort_of(robot, torque_limit),
-        speed=kept * (own if speed is None else read_joint_limits("speed", speed, n)),
+        speed=kept * (robot.speed_limits if speed is None else read_joint_limits("speed", speed, n)),
         acceleration=np.full(n, np.inf)
         if acceleration is None
         else kept * read_joint_limits("acceleration", acceleration, n),

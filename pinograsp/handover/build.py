@@ -255,7 +255,7 @@ def _beyond(hand: HandModel, q: np.ndarray) -> np.ndarray:
 
 def _lead(hand: HandModel, way: np.ndarray, lead: float | None, rate: float) -> float:
     """How long the joints take to go their ``way`` (n,) from rest to rest [s]."""
-    limit = np.where(hand.velocity > 0, hand.velocity, np.inf)
+    limit = hand.speed_limits
     least = _PEAK * way / limit
     if lead is None:
         gentle = _PEAK * way / np.minimum(0.5 * limit, np.where(hand.slides, _SLIDING, _TURNING))

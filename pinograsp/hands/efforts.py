@@ -57,7 +57,8 @@ def find_stops(hand: HandModel, q: Array) -> IntArray:
     Of joints that share drives, or have none, alone: what presses them against their end, it takes, and not the drives.
     """
     sharing = np.array([ratio.row != 0 for ratio in hand.ratios]).reshape(-1, hand.n).any(axis=0)
-    room = _AT_STOP * np.where(np.isfinite(hand.upper - hand.lower), hand.upper - hand.lower, 0.0)
+    ranges = hand.upper - hand.lower
+    room = _AT_STOP * np.where(np.isfinite(ranges), ranges, 0.0)
     stops: IntArray = sharing * ((q <= hand.lower + room).astype(int) - (q >= hand.upper - room).astype(int))
     return stops
 

@@ -259,6 +259,11 @@ class HandModel:
         return read_only(self.model.velocityLimit)
 
     @property
+    def speed_limits(self) -> Array:
+        """Those speeds (n,); infinity: none is given [rad/s or m/s]."""
+        return read_only(np.where(self.velocity > 0, self.velocity, np.inf))
+
+    @property
     def mass(self) -> float:
         """Mass of palm and fingers [kg]; the palm counts only if the description has its mass."""
         return float(sum(inertia.mass for inertia in self.model.inertias))

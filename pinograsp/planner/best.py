@@ -30,6 +30,7 @@ from pinograsp.plan.tolerance import PoseTolerance
 from pinograsp.planner.as_commanded import measure_turn
 from pinograsp.planner.assemble import pressing_too
 from pinograsp.planner.compliance import instability
+from pinograsp.planner.drive_cautions import measure_speeds
 from pinograsp.planner.grasp_plan import GraspPlan, add_tolerance
 from pinograsp.planner.options import AS_USUAL, PlanOptions
 from pinograsp.planner.planning import GraspTask
@@ -213,7 +214,7 @@ def _plan_in_time(
     plan = GraspTask.of_closure(closure, conditions, options, progress=progress).attempt()
     hand, asked = closure.hand, conditions.final_time
     for _ in range(_SLOWED):  # another t_I of those allowed may be the best one then
-        ratio = np.abs(plan.motion.dq).max(axis=0) / np.where(hand.velocity > 0, hand.velocity, np.inf)
+        ratio = measure_speeds(hand, plan.motion)
         worst = int(ratio.argmax())
         factor = _SLOWER * float(ratio[worst])
         final, (first, last) = factor * conditions.final_time, conditions.impact_time_range

@@ -101,10 +101,15 @@ def drive_notes(hand: HandModel, motion: Motion) -> list[str]:
     return notes if assumed is None else [*notes, assumed]
 
 
+def measure_speeds(hand: HandModel, motion: Motion) -> Array:
+    """The largest speed of each joint, over its limit (n,) [-]."""
+    return np.asarray(np.abs(motion.dq).max(axis=0) / hand.speed_limits)
+
+
 def _too_fast(hand: HandModel, motion: Motion) -> Iterator[str]:
     """Joints that move faster than they can."""
-    limit, peak = np.where(hand.velocity > 0, hand.velocity, np.inf), np.abs(motion.dq).max(axis=0)
-    ratio = peak / limit
+    limit, peak = hand.speed_limits, np.abs(motion.dq).max(axis=0)
+    ratio = measure_speeds(hand, motion)
     worst, more = int(ratio.argmax()), int((ratio > 1 + _ROUNDING).sum()) - 1
     if more >= 0:
         unit = "m/s" if hand.slides[worst] else "rad/s"
