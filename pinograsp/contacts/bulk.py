@@ -22,7 +22,7 @@ from pinograsp.objects.mesh import Mesh
 from pinograsp.spatial import Array, BoolArray, IntArray
 
 CORNERS = 4  # of an area, at most
-_AT_ONCE = 64  # postures of a thread
+_AT_ONCE = 16  # postures of a thread
 LEAN = 0.03  # [rad] of faces that are to touch as areas: jaws turn what they squeeze by more
 DOWN = read_only(np.array([0.0, 0.0, -9.81]))  # [m/s^2]
 

@@ -74,8 +74,17 @@ public:
           right_(m_),
           base_(m_),
           rhs_(m_),
-          matrix_(m_ * m_),
-          block_(m_ * m_) {}
+          levers_(m_, 1.0),
+          matrix_(m_ * m_) {
+        for (const Joint& joint : scene_.joints)
+            if (dot(joint.linear, joint.linear) == 0.0) levers_[joint.input] = lever;
+        std::fill(levers_.end() - 3, levers_.end(), lever);
+        for (int a = 0; course_.arms && a <= motors_; ++a) {
+            begins_.push_back(static_cast<int>(arms_.size()));
+            for (int i = 0; i < (a < motors_ ? n_ : 0); ++i)
+                if (const double own = course_.arms[a * n_ + i]; own != 0.0) arms_.push_back({i, own});
+        }
+    }
 
     // With the object moved by a frame of the world from where it is planned.
     ClosingOutcome close(const Frame& away) {
@@ -158,18 +167,22 @@ private:
     static constexpr double most_turn = 0.2;                 // [rad] in a step; [m] as well
     static constexpr double lean = 0.1;                      // [rad] of faces that press as areas
     static constexpr double tilt = 0.3;                      // [rad] of directions about down
-    static constexpr int around = 16, rounds = 6;
-    static constexpr double alike = 1e-7;  // [m, rad] change of a step that ends its rounds
-    static constexpr double rest = 1e-7;   // [m, rad] of a step; so many of them end the hold
+    static constexpr int around = 16;
+    // Rounds of a step, and change that ends them [m], of turns at a lever [m]; of hands as somebody commands them,
+    // whose objects slide farther: friction settles slowly, but need not be known to the last digit.
+    static constexpr int rounds = 6, more_rounds = 16;
+    static constexpr double alike = 1e-7, less_alike = 1.5e-5, lever = 0.03;
+    static constexpr double pressing = 1e-3;  // [m] these links are farther off: they touch at points
+    static constexpr double rest = 1e-7;      // [m, rad] of a step; so many of them end the hold
     static constexpr int at_rest = 5;
-    static constexpr double slow = 5e-3;  // of how far the object may go under a load: likewise
+    static constexpr double slow = 1e-2;  // of how far the object may go under a load: likewise
     static constexpr int rested = 2;
 
     // Rows of a place that touches, one after the other: normals, two across, one that turns. Each has the columns that
     // move there alone.
     struct Patch {
         int first = 0, normals = 0;
-        int begin = 0, columns = 0;                       // among the columns
+        int begin = 0, columns = 0, stride = 0;           // among the columns; of a row, filled up with zeros
         std::size_t rows = 0;                             // where they begin
         double stiffness = 0.0, shear = 0.0, spin = 0.0;  // of each normal; of the others [N/m, N m/rad]
         double turning = 0.0;                             // limit of the last per newton [m]
@@ -178,6 +191,12 @@ private:
         double trial[3]{}, share[3]{};
         Triple x{}, y{};
         int part = -1;  // of the hand; -1: the table
+    };
+
+    // A joint that a motor moves.
+    struct Arm {
+        int joint;
+        double arm;
     };
 
     Triple at(const Frame& world) const { return world.act(object_.centre); }
@@ -230,7 +249,8 @@ private:
     void look(int s) {
         touches_.clear();
         toucher_.touch(q_.data(), world_.inverse() * root(s),
-                       {near, lean, world_.turn_back(object_.gravity), deep, false, true, course_.arms != nullptr},
+                       {near, lean, world_.turn_back(object_.gravity), deep, false, true, course_.arms != nullptr,
+                        course_.arms ? pressing : near},
                        touches_);
     }
 
@@ -251,13 +271,20 @@ private:
         rows_.clear(), gaps_.clear(), patches_.clear(), columns_.clear();
         for (std::size_t t = 0; t < count; ++t) add_touch(t);
         if (stands && !fixed) add_table();
+        find_step(fixed);
+        move(fixed);
+    }
+
+    // The step y, begun at rest.
+    void find_step(bool fixed) {
+        const int most = course_.arms ? more_rounds : rounds;
+        const double enough = course_.arms ? less_alike : alike;
         std::fill(y_.begin(), y_.end(), 0.0);
-        for (int i = 0; i < rounds; ++i) {
+        for (int i = 0; i < most; ++i) {
             set_motors(i == 0);
-            if (press(fixed) < alike && i > 0) break;
+            if (press(fixed) < enough && i > 0) break;
         }
         weigh();
-        move(fixed);
     }
 
     // What the motors do in the step without moving (n), and what slows the object.
@@ -281,7 +308,7 @@ private:
     double moved_by(int motor, const std::vector<double>& from) const {
         if (!course_.arms) return from[motor];
         double found = 0.0;
-        for (int i = 0; i < n_; ++i) found += course_.arms[motor * n_ + i] * from[i];
+        for (int k = begins_[motor]; k < begins_[motor + 1]; ++k) found += arms_[k].arm * from[arms_[k].joint];
         return found;
     }
 
@@ -311,11 +338,11 @@ private:
     // Motors of several joints, in the matrix and on the right.
     void add_motors() {
         for (int a = 0; a < motors_; ++a) {
-            const double* arms = course_.arms + a * n_;
-            for (int i = 0; i < n_; ++i) {
-                if (arms[i] == 0.0) continue;
-                rhs_[i] += force_[a] * arms[i];
-                for (int j = i; j < n_; ++j) matrix_[i * m_ + j] += weight_[a] * arms[i] * arms[j];
+            for (int k = begins_[a]; k < begins_[a + 1]; ++k) {
+                const int i = arms_[k].joint;
+                rhs_[i] += force_[a] * arms_[k].arm;
+                for (int l = k; l < begins_[a + 1]; ++l)
+                    matrix_[i * m_ + arms_[l].joint] += weight_[a] * arms_[k].arm * arms_[l].arm;
             }
         }
     }
@@ -332,6 +359,7 @@ private:
         std::sort(own(), columns_.end());
         for (int i = n_; i < m_; ++i) columns_.push_back(i);
         patch.columns = static_cast<int>(columns_.size()) - patch.begin;
+        patch.stride = blocks_of(patch.columns) * width;
         patch.rows = rows_.size();
     }
 
@@ -346,7 +374,7 @@ private:
     void add_row(const Patch& patch, std::int64_t touch, const Triple& along, const Triple& hand,
                  const Triple& object) {
         const std::size_t start = rows_.size();
-        rows_.resize(start + static_cast<std::size_t>(patch.columns), 0.0);
+        rows_.resize(start + static_cast<std::size_t>(patch.stride), 0.0);
         double* to = rows_.data() + start;
         for (const int* j = columns_.data() + patch.begin; *j < n_; ++j, ++to) {
             const double* jacobian = touches_.jacobians.data() + 6 * n_ * touch + *j;
@@ -429,11 +457,13 @@ private:
     // How far the step y goes along the rows of a patch.
     void go_along(const Patch& patch) {
         const int* at = columns_.data() + patch.begin;
+        there_.assign(patch.stride, 0.0);
+        for (int c = 0; c < patch.columns; ++c) there_[c] = y_[at[c]];
         const double* own = rows_.data() + patch.rows;
-        for (int i = patch.first; i < patch.first + patch.normals + 3; ++i, own += patch.columns) {
-            double found = 0.0;
-            for (int c = 0; c < patch.columns; ++c) found += own[c] * y_[at[c]];
-            along_[i] = found;
+        for (int i = patch.first; i < patch.first + patch.normals + 3; ++i, own += patch.stride) {
+            Vector found = 0.0;
+            for (int c = 0; c < patch.stride; c += width) found = found + lanes_at(own + c) * lanes_at(&there_[c]);
+            along_[i] = sum(found);
         }
     }
 
@@ -449,7 +479,8 @@ private:
             const int next = patch.first + patch.normals;
             for (int i = 0; i < 3; ++i)
                 patch.trial[i] = patch.force[i] + (i < 2 ? patch.shear : patch.spin) * along_[next + i];
-            const double size = std::hypot(patch.trial[0], patch.trial[1]), turning = std::fabs(patch.trial[2]);
+            const double size = std::sqrt(patch.trial[0] * patch.trial[0] + patch.trial[1] * patch.trial[1]),
+                         turning = std::fabs(patch.trial[2]);
             if (course_.elliptic) {
                 const double all =
                     std::hypot(size / std::max(object_.mu, 1e-9), turning / std::max(patch.turning, 1e-9));
@@ -461,7 +492,7 @@ private:
         }
     }
 
-    // One round: the step y with what presses, and friction's shares, as of the last; how much it changed.
+    // One round: the step y with what presses, and friction's shares, as of the last; how much it changed [m].
     double press(bool fixed) {
         weigh();
         const double h = step_;
@@ -481,7 +512,7 @@ private:
         double changed = 0.0;
         for (int i = 0; i < m_; ++i) {
             const double bounded = std::min(most_turn, std::max(-most_turn, rhs_[i]));
-            changed = std::max(changed, std::fabs(bounded - y_[i]));
+            changed = std::max(changed, levers_[i] * std::fabs(bounded - y_[i]));
             y_[i] = bounded;
         }
         return changed;
@@ -490,30 +521,32 @@ private:
     // The springs of a patch, in the matrix and on the right.
     void add_springs(const Patch& patch) {
         const int* at = columns_.data() + patch.begin;
-        const int size = patch.columns;
-        std::fill_n(block_.begin(), size * size, 0.0);
-        for (int i = 0; i < patch.normals; ++i)
-            if (along_[patch.first + i] > gaps_[patch.first + i])
-                add_spring(patch, i, patch.stiffness, -patch.stiffness * gaps_[patch.first + i]);
+        const int size = patch.columns, stride = patch.stride;
+        block_.assign((size + 1) * stride, 0.0);
+        double* force = &block_[size * stride];
+        const double* row = rows_.data() + patch.rows;
+        for (int i = patch.first; i < patch.first + patch.normals; ++i, row += stride)
+            if (along_[i] > gaps_[i]) add_spring(patch, row, patch.stiffness, -patch.stiffness * gaps_[i], force);
         for (int i = 0; i < 3; ++i)
-            add_spring(patch, patch.normals + i, patch.share[i] * (i < 2 ? patch.shear : patch.spin),
-                       patch.share[i] * patch.force[i]);
+            add_spring(patch, row + i * stride, patch.share[i] * (i < 2 ? patch.shear : patch.spin),
+                       patch.share[i] * patch.force[i], force);
         for (int i = 0; i < size; ++i) {
+            rhs_[at[i]] -= force[i];
             double* to = matrix_.data() + static_cast<std::size_t>(at[i]) * m_;
-            for (int j = i; j < size; ++j) to[at[j]] += block_[i * size + j];
+            for (int j = i; j < size; ++j) to[at[j]] += block_[i * stride + j];
         }
     }
 
-    void add_spring(const Patch& patch, int which, double stiffness, double force) {
+    // A spring's stiffness along a row, and its force at the step 0: in the block, and in what follows it.
+    void add_spring(const Patch& patch, const double* row, double stiffness, double force, double* forces) {
         if (stiffness == 0.0 && force == 0.0) return;
-        const int size = patch.columns;
-        const int* at = columns_.data() + patch.begin;
-        const double* own = rows_.data() + patch.rows + static_cast<std::size_t>(which * size);
-        for (int i = 0; i < size; ++i) {
-            rhs_[at[i]] -= force * own[i];
-            const double scaled = stiffness * own[i];
-            double* to = block_.data() + i * size;
-            for (int j = i; j < size; ++j) to[j] += scaled * own[j];
+        for (int j = 0; j < patch.stride; j += width)
+            store(lanes_at(forces + j) + Vector(force) * lanes_at(row + j), forces + j);
+        for (int i = 0; i < patch.columns; ++i) {
+            const Vector scaled = stiffness * row[i];
+            double* to = block_.data() + i * patch.stride;
+            for (int j = i / width * width; j < patch.stride; j += width)
+                store(lanes_at(to + j) + scaled * lanes_at(row + j), to + j);
         }
     }
 
@@ -554,8 +587,10 @@ private:
     Touches touches_;
     std::array<double, 6> load_{};
     std::vector<Triple> shear_, points_;  // of the parts; of a patch
-    std::vector<double> normal_, spin_, q_, rates_, ahead_, drive_, weight_, force_, y_, right_, base_, rhs_, matrix_,
-        block_, rows_, gaps_, along_;
+    std::vector<double> normal_, spin_, q_, rates_, ahead_, drive_, weight_, force_, y_, right_, base_, rhs_, levers_,
+        matrix_, block_, rows_, gaps_, along_, there_;
+    std::vector<Arm> arms_;  // of the motors, one after the other, that of motor a from begins_[a] on
+    std::vector<int> begins_;
     std::vector<int> columns_;  // of the patches
     std::vector<Patch> patches_;
 };

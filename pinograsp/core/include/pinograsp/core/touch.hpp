@@ -65,6 +65,7 @@ struct TouchOptions {
     bool collisions = true;      // of the hand with itself: whether they are looked for
     bool follows = false;        // what touched at the last call is pressed from the same side
     bool hulls = false;          // convex parts stand for the surfaces of hand and object
+    double beside = std::numeric_limits<double>::infinity();  // [m] what is farther off touches at a point
 };
 
 // Finds touches, with memory of its own.
@@ -104,7 +105,7 @@ public:
                 depth = std::max(depth, -way.gap);
                 continue;
             }
-            note(grasp, best, way, options.lean, found);
+            note(grasp, best, way, options, found);
             now_[scene_.parts[best.part].link] = {best.part, best.solid, way.gap, back_.turn(way.normal)};
         }
         found.depth.push_back(depth);
@@ -148,10 +149,11 @@ public:
     }
 
 private:
-    static constexpr double off = 1e-3;    // [m] how far the object is moved off: directions keep their digits
-    static constexpr double flush = 1e-4;  // [m] behind the hull: on it
-    static constexpr int rounds = 12;      // of finding the direction,
-    static constexpr double alike = 1e-4;  // and where it has settled [rad]
+    static constexpr double off = 1e-3;            // [m] how far the object is moved off: directions keep their digits
+    static constexpr double expected = 2.0 * off;  // [m] of the gap that is then left, as a rule
+    static constexpr double flush = 1e-4;          // [m] behind the hull: on it
+    static constexpr int rounds = 12;              // of finding the direction,
+    static constexpr double alike = 1e-4;          // and where it has settled [rad]
     static constexpr double play = 1e-5;   // [m] by which convex parts may overlap: bars drawn side by side slide so
     static constexpr double rolled = 0.3;  // of what pressed before [rad]
     static constexpr double most = std::numeric_limits<double>::max();
@@ -287,7 +289,8 @@ private:
             &before = follows_ ? memory_of(best.part, solid ? best.solid : 0).moved_off[convex] : afresh;
         WayOut found = leave(mine, beneath, at, follows ? last : normal, far, most, &before);
         if (follows && found.settled && is_from(found.normal, last)) return found;
-        if (found.found && found.gap > -2.0 * far && (found.settled || found.gap < gap.distance + 3.0 * off))
+        if (found.found && found.gap > -2.0 * std::max(far, off / 2.0) &&
+            (found.settled || found.gap < gap.distance + 3.0 * off))
             return found;
         for (int i = 0; i < 12; ++i) {  // to the corners of an icosahedron
             const double one = (i & 1 ? -1.0 : 1.0) / 1.902113, other = (i & 2 ? -1.618034 : 1.618034) / 1.902113;
@@ -311,8 +314,10 @@ private:
         for (int i = 0; i < rounds && far <= farthest; ++i) {
             Frame moved = object_;
             moved.t = moved.t + far * normal;
-            const Separation gap =
-                Nearest(mine, other, at.inverse() * moved, at.turn_back(normal), most, true, before).gap;
+            const Frame there = at.inverse() * moved;
+            const Triple along = at.turn_back(normal);
+            Separation gap = Nearest(mine, other, there, along, expected, true, before).gap;
+            if (!(gap.distance <= expected)) gap = Nearest(mine, other, there, along, most, true, before).gap;
             if (!(std::fabs(gap.distance) < most)) return {};
             if (gap.distance < off / 10.0) {  // deeper than thought
                 far += off + std::max(-gap.distance, 0.0);
@@ -337,7 +342,8 @@ private:
         return dot(way.point - outermost, way.normal) < flush ? &scene_.hull : nullptr;
     }
 
-    void note(std::int64_t grasp, const Candidate& best, const WayOut& way, double lean, Touches& found) const {
+    void note(std::int64_t grasp, const Candidate& best, const WayOut& way, const TouchOptions& options,
+              Touches& found) const {
         const auto write = [](std::vector<double>& to, const Triple& one) {
             to.insert(to.end(), one.begin(), one.end());
         };
@@ -347,9 +353,11 @@ private:
         found.gap.push_back(way.gap);
         write(found.points, back_.act(way.point));
         write(found.normals, back_.turn(way.normal));
-        const Area area = CommonArea(part.hull.whole() ? &part.hull.piece(0) : nullptr, parts_[best.part],
-                                     solid_at(best, way), object_, way.point, way.normal, lean)
-                              .find();
+        Area area{{way.point, way.point, way.point, way.point}, 1, {}};
+        if (!(way.gap > options.beside))
+            area = CommonArea(part.hull.whole() ? &part.hull.piece(0) : nullptr, parts_[best.part], solid_at(best, way),
+                              object_, way.point, way.normal, options.lean)
+                       .find();
         found.counts.push_back(area.count);
         for (const Triple& corner : area.corners) write(found.corners, back_.act(corner));
         found.leaning.insert(found.leaning.end(), area.leaning.begin(), area.leaning.end());
