@@ -3,9 +3,9 @@
     python benchmarks/grasps.py --seed 7 [--hands NAME ...] [--samples 16] [--jobs 2]
 
 The can is 66 x 120 mm and 350 g, the ball 75 mm and 180 g, the box 50 x 50 x 120 mm and 300 g, the mug 80 x 95 mm and
-300 g, the bottle 65 x 200 mm and 500 g. What is wider than 0.9 of the hand's opening (the largest distance between two
-fingertips; of one finger: to the palm) is scaled to that, at 800 kg/m^3. Friction is 0.6, all else as the package
-chooses it. Hands are names of the catalogue or files (with ``--root`` for one of these).
+300 g, the bottle 65 x 200 mm and 500 g. What is wider than 0.9 of the hand's opening (between the fingertips' surfaces;
+of one finger: to the palm) is scaled to that, at 800 kg/m^3. Friction is 0.6, all else as the package chooses it.
+Hands are names of the catalogue or files (with ``--root`` for one of these).
 
 A pair counts where the plan is ok, its contacts have force closure, and a simulation holds the object as planned, fixed
 until t_F and then free, shaken with 3 m/s^2 at 2 Hz along x, y and z, with 1.2 times the mass, and with 0.8 times the
@@ -21,18 +21,17 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import trimesh
 from joblib import Parallel, delayed
 from results import header, table, write_rows
 from tqdm import tqdm
 
 import pinograsp as pg
-from pinograsp.contacts import fingertips, open_and_closed
 from pinograsp.errors import PinograspError
 from pinograsp.hands.catalogue import CATALOGUE
 from pinograsp.planner import plan_best
 from pinograsp.simulation.settings import Disturbance
+from pinograsp.synthesis.preshapes import measure_opening
 
 HERE = Path(__file__).resolve().parent
 MU, DENSITY, SCALED = 0.6, 300.0, 800.0  # [kg/m^3]; the last: of what is scaled to a hand
@@ -67,15 +66,8 @@ COLUMNS = (
 
 
 def width(hand: pg.HandModel) -> float:
-    """Largest distance between fingertips of the open hand [m]; of one finger, from the palm."""
-    data = hand.model.createData()
-    pin.forwardKinematics(hand.model, data, (hand.lower + hand.upper) / 2)
-    pose = np.eye(4)
-    pose[:3, 3] = fingertips(hand, data).mean(axis=0)
-    opened, _ = open_and_closed(hand, pg.Sphere(radius=1e-3, mass=1e-3, pose=pose))
-    pin.forwardKinematics(hand.model, data, opened)
-    tips = fingertips(hand, data)
-    return max(float(np.linalg.norm(a - b)) for a in tips for b in tips)
+    """How far the open hand's fingertips are apart, between their surfaces [m]; of one finger, from the palm."""
+    return measure_opening(hand)
 
 
 def mug() -> trimesh.Trimesh:
