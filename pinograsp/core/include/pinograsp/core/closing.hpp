@@ -79,6 +79,7 @@ public:
         for (const Joint& joint : scene_.joints)
             if (dot(joint.linear, joint.linear) == 0.0) levers_[joint.input] = lever;
         std::fill(levers_.end() - 3, levers_.end(), lever);
+        for (std::size_t p = 0; p < scene_.parts.size(); ++p) stiffest_ = std::max(stiffest_, object_.stiffness[p]);
         for (int a = 0; course_.arms && a <= motors_; ++a) {
             begins_.push_back(static_cast<int>(arms_.size()));
             for (int i = 0; i < (a < motors_ ? n_ : 0); ++i)
@@ -169,9 +170,9 @@ private:
     static constexpr double tilt = 0.3;                      // [rad] of directions about down
     static constexpr int around = 16;
     // Rounds of a step, and change that ends them [m], of turns at a lever [m]; of hands as somebody commands them,
-    // whose objects slide farther: friction settles slowly, but need not be known to the last digit.
+    // whose objects slide farther: friction settles slowly, but the force of a contact need not be known better [N].
     static constexpr int rounds = 6, more_rounds = 16;
-    static constexpr double alike = 1e-7, less_alike = 1.5e-5, lever = 0.03;
+    static constexpr double alike = 1e-7, least_force = 0.05, lever = 0.03;
     static constexpr double pressing = 1e-3;  // [m] these links are farther off: they touch at points
     static constexpr double rest = 1e-7;      // [m, rad] of a step; so many of them end the hold
     static constexpr int at_rest = 5;
@@ -278,7 +279,7 @@ private:
     // The step y, begun at rest.
     void find_step(bool fixed) {
         const int most = course_.arms ? more_rounds : rounds;
-        const double enough = course_.arms ? less_alike : alike;
+        const double enough = course_.arms ? least_force / stiffest_ : alike;
         std::fill(y_.begin(), y_.end(), 0.0);
         for (int i = 0; i < most; ++i) {
             set_motors(i == 0);
@@ -582,7 +583,7 @@ private:
     const int n_, m_, motors_;
     Frame world_;                                        // from what the object sees to the world
     Triple speed_{}, turning_{}, up_{}, table_shear_{};  // of the object, as it sees them; in the world
-    double table_spin_ = 0.0, height_ = 0.0, step_ = 0.0;
+    double table_spin_ = 0.0, height_ = 0.0, step_ = 0.0, stiffest_ = 1e-9;
     bool touched_ = false, soft_ = true;
     Touches touches_;
     std::array<double, 6> load_{};
