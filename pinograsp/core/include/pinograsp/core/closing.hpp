@@ -74,12 +74,7 @@ public:
           right_(m_),
           base_(m_),
           rhs_(m_),
-          levers_(m_, 1.0),
           matrix_(m_ * m_) {
-        for (const Joint& joint : scene_.joints)
-            if (dot(joint.linear, joint.linear) == 0.0) levers_[joint.input] = lever;
-        std::fill(levers_.end() - 3, levers_.end(), lever);
-        for (std::size_t p = 0; p < scene_.parts.size(); ++p) stiffest_ = std::max(stiffest_, object_.stiffness[p]);
         for (int a = 0; course_.arms && a <= motors_; ++a) {
             begins_.push_back(static_cast<int>(arms_.size()));
             for (int i = 0; i < (a < motors_ ? n_ : 0); ++i)
@@ -169,10 +164,8 @@ private:
     static constexpr double lean = 0.1;                      // [rad] of faces that press as areas
     static constexpr double tilt = 0.3;                      // [rad] of directions about down
     static constexpr int around = 16;
-    // Rounds of a step, and change that ends them [m], of turns at a lever [m]; of hands as somebody commands them,
-    // whose objects slide farther: friction settles slowly, but the force of a contact need not be known better [N].
-    static constexpr int rounds = 6, more_rounds = 16;
-    static constexpr double alike = 1e-7, least_force = 0.05, lever = 0.03;
+    static constexpr int rounds = 6;
+    static constexpr double alike = 1e-7;     // [m, rad] change of a step that ends its rounds
     static constexpr double pressing = 1e-3;  // [m] these links are farther off: they touch at points
     static constexpr double rest = 1e-7;      // [m, rad] of a step; so many of them end the hold
     static constexpr int at_rest = 5;
@@ -272,20 +265,13 @@ private:
         rows_.clear(), gaps_.clear(), patches_.clear(), columns_.clear();
         for (std::size_t t = 0; t < count; ++t) add_touch(t);
         if (stands && !fixed) add_table();
-        find_step(fixed);
-        move(fixed);
-    }
-
-    // The step y, begun at rest.
-    void find_step(bool fixed) {
-        const int most = course_.arms ? more_rounds : rounds;
-        const double enough = course_.arms ? least_force / stiffest_ : alike;
         std::fill(y_.begin(), y_.end(), 0.0);
-        for (int i = 0; i < most; ++i) {
+        for (int i = 0; i < rounds; ++i) {
             set_motors(i == 0);
-            if (press(fixed) < enough && i > 0) break;
+            if (press(fixed) < alike && i > 0) break;
         }
         weigh();
+        move(fixed);
     }
 
     // What the motors do in the step without moving (n), and what slows the object.
@@ -493,7 +479,7 @@ private:
         }
     }
 
-    // One round: the step y with what presses, and friction's shares, as of the last; how much it changed [m].
+    // One round: the step y with what presses, and friction's shares, as of the last; how much it changed.
     double press(bool fixed) {
         weigh();
         const double h = step_;
@@ -513,7 +499,7 @@ private:
         double changed = 0.0;
         for (int i = 0; i < m_; ++i) {
             const double bounded = std::min(most_turn, std::max(-most_turn, rhs_[i]));
-            changed = std::max(changed, levers_[i] * std::fabs(bounded - y_[i]));
+            changed = std::max(changed, std::fabs(bounded - y_[i]));
             y_[i] = bounded;
         }
         return changed;
@@ -583,13 +569,13 @@ private:
     const int n_, m_, motors_;
     Frame world_;                                        // from what the object sees to the world
     Triple speed_{}, turning_{}, up_{}, table_shear_{};  // of the object, as it sees them; in the world
-    double table_spin_ = 0.0, height_ = 0.0, step_ = 0.0, stiffest_ = 1e-9;
+    double table_spin_ = 0.0, height_ = 0.0, step_ = 0.0;
     bool touched_ = false, soft_ = true;
     Touches touches_;
     std::array<double, 6> load_{};
     std::vector<Triple> shear_, points_;  // of the parts; of a patch
-    std::vector<double> normal_, spin_, q_, rates_, ahead_, drive_, weight_, force_, y_, right_, base_, rhs_, levers_,
-        matrix_, block_, rows_, gaps_, along_, there_;
+    std::vector<double> normal_, spin_, q_, rates_, ahead_, drive_, weight_, force_, y_, right_, base_, rhs_, matrix_,
+        block_, rows_, gaps_, along_, there_;
     std::vector<Arm> arms_;  // of the motors, one after the other, that of motor a from begins_[a] on
     std::vector<int> begins_;
     std::vector<int> columns_;  // of the patches
