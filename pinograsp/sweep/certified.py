@@ -20,9 +20,17 @@ from pinograsp.errors import ExtraMissing, GraspsNotRead, InvalidInput, Status
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import HandModel
 from pinograsp.spatial import Array
-from pinograsp.sweep.certified_rows import Prepared, certified_block, fault_of, object_named, place_block
+from pinograsp.sweep.certified_rows import (
+    Prepared,
+    Work,
+    belong_together,
+    certified_blocks,
+    fault_of,
+    object_named,
+    place_block,
+)
 from pinograsp.sweep.certified_store import WORK, CertifiedRows
-from pinograsp.sweep.certified_table import REFUSED, Block, Fault, RowSource, schema_of
+from pinograsp.sweep.certified_table import REFUSED, Block, Fault, schema_of
 from pinograsp.sweep.inputs import Inputs, plain, settings_of_conditions, settings_of_hand
 from pinograsp.sweep.parts import drop_doubles, read_parts
 from pinograsp.sweep.runner import Executor, Progress, Runner
@@ -33,6 +41,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _MEANT = ("joints", "frame", "convention", "original", "palm_in_root")
+# Files of so few grasps are certified together, so many of these at once: one alone takes as long as dozens.
+_FEW, _TOGETHER = 2, 64
 # Labels that are written back, and the largest number that 32 bits hold.
 _WRITTEN, _MOST = ("reserve", "least_mu", "largest_load_N"), 3.4e38
 
@@ -163,6 +173,9 @@ def certify_files(
     than its rows in the folder, these are computed again, and ``changed`` names the file; what the rows of all files
     rest on, the hand, the conditions and the options, makes another certification, which needs a folder of its own.
 
+    Files of one or two grasps are certified together where they are of one object: the last digits of their forces
+    depend on which of them were left.
+
     Args:
         data: the files, their hand and their objects.
         folder: for the rows, as Parquet files; a new folder, or one of this certification.
@@ -189,7 +202,7 @@ def certify_files(
     opened, payload = _open(data, folder, conditions, tolerance, drives, protocol, commanded, Shard.of(shard))
     with opened as rows:
         interrupted = runner.run(
-            certified_block,
+            certified_blocks,
             _work(data, rows, payload),
             rows,
             rows.take,
@@ -355,8 +368,10 @@ def _open(
     return rows, pickle.dumps(prepared)
 
 
-def _work(data: DataSet, rows: CertifiedRows, payload: bytes) -> Iterator[tuple[bytes, RowSource, Block | Fault]]:
-    """The blocks that are left, on the hand."""
+def _work(data: DataSet, rows: CertifiedRows, payload: bytes) -> Iterator[tuple[bytes, list[Work]]]:
+    """The blocks that are left, on the hand; those of small files together, where they are of one object."""
+    together: list[Work] = []
+    count = 0
     for left in rows.list_left(data.format):
         block: Block | Fault
         if isinstance(left.grasps, Fault):
@@ -368,4 +383,12 @@ def _work(data: DataSet, rows: CertifiedRows, payload: bytes) -> Iterator[tuple[
                 raise
             except Exception as error:  # one file must not end the certification of the others
                 block = Fault(int(left.rows[0]), fault_of(error))
-        yield payload, left.source, block
+        one, own = (left.source, block), len(left.rows)
+        few = left.block == 0 and own <= _FEW
+        if together and not (few and count + own <= _TOGETHER and belong_together(together[0], one)):
+            yield payload, together
+            together, count = [], 0
+        together.append(one)
+        count += own if few else _TOGETHER
+    if together:
+        yield payload, together

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import pickle
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 _LONGEST = 1000  # characters of the message of a fault
 _PREPARED = 8  # objects that a worker keeps: a file has up to five sizes of one
+
+
+Work = tuple[RowSource, Block | Fault]
 
 
 class Prepared(NamedTuple):
@@ -83,27 +87,62 @@ def object_named(rows: GraspRows) -> str:
     return rows.object_name or Path(rows.source).stem
 
 
-def certified_block(payload: bytes, source: RowSource, block: Block | Fault) -> pa.Table:
-    """The rows of a block, or of a fault.
+def certified_blocks(payload: bytes, work: Sequence[Work]) -> pa.Table:
+    """The rows of a fault, or of blocks, which are certified together: as they :func:`belong_together`.
 
     Raises:
         ExtraMissing: an extra that is needed is not installed.
     """
-    if isinstance(block, Fault):
-        return refused_table(source, block)
+    source, first = work[0]
+    if isinstance(first, Fault):
+        return refused_table(source, first)
+    blocks = [block for _, block in work if isinstance(block, Block)]
     try:
-        object_is = block.object_name, source.object_content, block.scale, block.object_pose.tobytes()
+        object_is = first.object_name, source.object_content, first.scale, first.object_pose.tobytes()
         certifier = _certifier(payload, *object_is)
-        roots = block.object_pose @ block.poses
-        commands = None
-        if block.commanded_q is not None and block.commanded_poses is not None:
-            commands = Commands(block.commanded_q, block.object_pose @ block.commanded_poses)
-        found = certifier.jaws(roots) if block.q is None else certifier(block.q, roots, commands)
+        roots = first.object_pose @ _all(block.poses for block in blocks)
+        if first.q is None:
+            found = certifier.jaws(roots)
+        else:
+            commands = None
+            if first.commanded_q is not None:
+                told = _all(block.commanded_q for block in blocks)
+                commands = Commands(told, first.object_pose @ _all(block.commanded_poses for block in blocks))
+            found = certifier(_all(block.q for block in blocks), roots, commands)
     except ExtraMissing:
         raise
     except Exception as error:  # one file must not end the certification of the others
-        return refused_table(source, Fault(int(block.rows[0]), fault_of(error)))
-    return certified_table(source, block, found)
+        if len(blocks) > 1:
+            import pyarrow as pa
+
+            return pa.concat_tables([certified_blocks(payload, [one]) for one in work])
+        return refused_table(source, Fault(int(first.rows[0]), fault_of(error)))
+    return certified_table([one for one, _ in work], blocks, found)
+
+
+def belong_together(one: Work, other: Work) -> bool:
+    """Whether two blocks are of one object in one place, and told alike what is commanded."""
+    (source, block), (another, second) = one, other
+    if isinstance(block, Fault) or isinstance(second, Fault):
+        return False
+
+    def kind(source: RowSource, block: Block) -> tuple[object, ...]:
+        told = None if block.commanded_q is None else block.commanded_q.shape[1]
+        return (
+            block.object_name,
+            source.object_content,
+            block.scale,
+            block.object_pose.tobytes(),
+            block.q is None,
+            told,
+        )
+
+    return kind(source, block) == kind(another, second)
+
+
+def _all(parts: Iterable[Array | None]) -> Array:
+    """Arrays one after the other."""
+    return np.concatenate([one for one in parts if one is not None])
 
 
 def fault_of(error: Exception) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -140,17 +141,18 @@ def refused_table(source: RowSource, fault: Fault) -> pa.Table:
     return pa.Table.from_pylist([row], schema=schema_of())
 
 
-def certified_table(source: RowSource, block: Block, found: Certificates) -> pa.Table:
-    """The rows of a block of certificates, in the frame of the object as its file has it."""
+def certified_table(sources: Sequence[RowSource], blocks: Sequence[Block], found: Certificates) -> pa.Table:
+    """The rows of the certificates of blocks of one object, in the frame of the object as its file has it."""
     import pyarrow as pa
 
-    count, schema = len(found), schema_of()
+    count, schema, block = len(found), schema_of(), blocks[0]
+    each = [source for source, one in zip(sources, blocks) for _ in one.rows]
     used = np.arange(found.points_o.shape[1]) < found.counts[:, None]
     names = np.array(found.link_names, dtype=object)
     place, turn = block.object_pose[:3, 3], block.object_pose[:3, :3]
     columns: dict[str, Any] = {
-        "file": [source.file] * count,
-        "row": block.rows,
+        "file": [source.file for source in each],
+        "row": np.concatenate([one.rows for one in blocks]),
         "object": [block.object_name] * count,
         "scale": np.full(count, block.scale),
         "reason": [str(Status.from_code(one)) for one in found.reason.tolist()],
@@ -180,10 +182,11 @@ def certified_table(source: RowSource, block: Block, found: Certificates) -> pa.
         "turned_rad": pa.array(found.turned, mask=~found.commanded),
         "pressed_N": _rows(found.pressed),
         "labels": [
-            json.dumps({name: np.asarray(values[i]).tolist() for name, values in block.labels.items()})
-            for i in range(count)
+            json.dumps({name: np.asarray(values[i]).tolist() for name, values in one.labels.items()})
+            for one in blocks
+            for i in range(len(one.rows))
         ],
-        "inputs": [source.inputs] * count,
+        "inputs": [source.inputs for source in each],
     }
     return pa.table({name: columns[name] for name in schema.names}, schema=schema)
 

@@ -15,6 +15,7 @@ from pinograsp.errors import InvalidInput, ResultsNotWritten
 from pinograsp.hands import load_hand
 from pinograsp.objects import Box
 from pinograsp.sweep import (
+    certified,
     certified_store,
     find_missing_grasps,
     find_missing_rows,
@@ -119,6 +120,28 @@ def test_a_sweep_in_shards_that_are_killed_is_that_of_one_process(tmp_path, rows
     assert find_missing_rows(spec, tmp_path / "out").shards == {shards: ()}
     again = sweep(spec, tmp_path / "out", jobs=1, progress=False)
     assert again.counts == whole.counts and entries_of(tmp_path / "out") == []
+
+
+def test_files_of_a_grasp_or_two_are_certified_together_as_each_alone(tmp_path, monkeypatch):
+    """Also where one of them cannot be read, and one is of another size: the same rows, forces to rounding."""
+    files = make_data(tmp_path, (1, 2, 1, 1, 5, 1, 2, 1))
+    files[3].write_text("{")
+    grasps = json.loads(files[6].read_text())
+    grasps["object"]["scale"] = 0.9
+    files[6].write_text(json.dumps(grasps))
+    data = data_in(tmp_path, files)
+    together = certify_into(tmp_path / "together", data)
+    monkeypatch.setattr(certified, "_FEW", 0)
+    alone = certify_into(tmp_path / "alone", data)
+    assert together.counts == alone.counts and together.faults == alone.faults and len(alone.faults) == 1
+    assert together.verdicts == alone.verdicts and together.hints == alone.hints
+    found, expected = together.table(), alone.table()
+    for name in found.column_names:
+        if name in ("file", "row", "object", "scale", "reason", "contacts", "links", "labels", "inputs", "possible"):
+            assert found[name].equals(expected[name]), name
+    for name in ("forces_N", "points_m", "torques_Nm"):
+        for one, other in zip(found[name].to_pylist(), expected[name].to_pylist()):
+            np.testing.assert_allclose(one or [], other or [], rtol=1e-9, atol=1e-9)
 
 
 def test_what_shards_have_left_is_done_by_others_or_by_one_and_only_that(tmp_path, monkeypatch):
