@@ -24,7 +24,7 @@ from pinograsp.sweep.certified_rows import (
     Prepared,
     Work,
     belong_together,
-    certified_blocks,
+    certify_blocks,
     fault_of,
     object_named,
     place_block,
@@ -202,7 +202,7 @@ def certify_files(
     opened, payload = _open(data, folder, conditions, tolerance, drives, protocol, commanded, Shard.of(shard))
     with opened as rows:
         interrupted = runner.run(
-            certified_blocks,
+            certify_blocks,
             _work(data, rows, payload),
             rows,
             rows.take,

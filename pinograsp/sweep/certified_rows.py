@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 _LONGEST = 1000  # characters of the message of a fault
 _PREPARED = 8  # objects that a worker keeps: a file has up to five sizes of one
 
-
-Work = tuple[RowSource, Block | Fault]
+Work = tuple[RowSource, Block | Fault]  # and where its rows come from
 
 
 class Prepared(NamedTuple):
@@ -87,8 +86,8 @@ def object_named(rows: GraspRows) -> str:
     return rows.object_name or Path(rows.source).stem
 
 
-def certified_blocks(payload: bytes, work: Sequence[Work]) -> pa.Table:
-    """The rows of a fault, or of blocks, which are certified together: as they :func:`belong_together`.
+def certify_blocks(payload: bytes, work: Sequence[Work]) -> pa.Table:
+    """The rows of a fault, or of blocks that :func:`belong_together`, certified at once.
 
     Raises:
         ExtraMissing: an extra that is needed is not installed.
@@ -115,7 +114,7 @@ def certified_blocks(payload: bytes, work: Sequence[Work]) -> pa.Table:
         if len(blocks) > 1:
             import pyarrow as pa
 
-            return pa.concat_tables([certified_blocks(payload, [one]) for one in work])
+            return pa.concat_tables([certify_blocks(payload, [one]) for one in work])
         return refused_table(source, Fault(int(first.rows[0]), fault_of(error)))
     return certified_table([one for one, _ in work], blocks, found)
 
