@@ -97,8 +97,7 @@ def certify_blocks(payload: bytes, work: Sequence[Work]) -> pa.Table:
         return refused_table(source, first)
     blocks = [block for _, block in work if isinstance(block, Block)]
     try:
-        object_is = first.object_name, source.object_content, first.scale, first.object_pose.tobytes()
-        certifier = _certifier(payload, *object_is)
+        certifier = _certifier(payload, *_object_of(source, first))
         roots = first.object_pose @ _all(block.poses for block in blocks)
         if first.q is None:
             found = certifier.jaws(roots)
@@ -124,19 +123,14 @@ def belong_together(one: Work, other: Work) -> bool:
     (source, block), (another, second) = one, other
     if isinstance(block, Fault) or isinstance(second, Fault):
         return False
+    stages = [None if told.commanded_q is None else told.commanded_q.shape[1] for told in (block, second)]
+    alike = (block.q is None) == (second.q is None) and stages[0] == stages[1]
+    return alike and _object_of(source, block) == _object_of(another, second)
 
-    def kind(source: RowSource, block: Block) -> tuple[object, ...]:
-        told = None if block.commanded_q is None else block.commanded_q.shape[1]
-        return (
-            block.object_name,
-            source.object_content,
-            block.scale,
-            block.object_pose.tobytes(),
-            block.q is None,
-            told,
-        )
 
-    return kind(source, block) == kind(another, second)
+def _object_of(source: RowSource, block: Block) -> tuple[str, str, float, bytes]:
+    """What :func:`_certifier` is asked for: the object's name, its content, its scale and its pose."""
+    return block.object_name, source.object_content, block.scale, block.object_pose.tobytes()
 
 
 def _all(parts: Iterable[Array | None]) -> Array:

@@ -163,8 +163,7 @@ private:
     static constexpr double most_turn = 0.2;                 // [rad] in a step; [m] as well
     static constexpr double lean = 0.1;                      // [rad] of faces that press as areas
     static constexpr double tilt = 0.3;                      // [rad] of directions about down
-    static constexpr int around = 16;
-    static constexpr int rounds = 6;
+    static constexpr int around = 16, rounds = 6;
     static constexpr double alike = 1e-7;     // [m, rad] change of a step that ends its rounds
     static constexpr double pressing = 1e-3;  // [m] these links are farther off: they touch at points
     static constexpr double rest = 1e-7;      // [m, rad] of a step; so many of them end the hold
