@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pinocchio as pin
 from pinograsp import core
 from pinograsp.contacts.clearance import PALM, Gap, HandPart, parts_of
 from pinograsp.contacts.compiled import joints_of, support_shape
+from pinograsp.contacts.pushing import CompiledPush
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import solid_of
@@ -37,7 +39,13 @@ class PreparedClosing:
         self.rates = tuple(np.array(own) for own in zip(*(part.rates for part in self.parts)))
         self.corners = np.array([part.corners for part in self.parts])  # (p, 8, 3)
         self.pose = hand.pose
+        self._hand, self._body = hand, body
         self.compiled = self._compile(hand, body) if core.is_installed() else None
+
+    @cached_property
+    def pushing(self) -> CompiledPush | None:
+        """The core's pushes of the object by the parts; None where there are none."""
+        return CompiledPush.of(self._hand, self._body, self.parts)
 
     def parts_at(self, hand: HandModel) -> list[HandPart]:
         """The parts of the same hand where it is now."""

@@ -25,7 +25,7 @@ from pinograsp.contacts.advance import TOUCH, Approach, PreparedClosing
 from pinograsp.contacts.clearance import Distances, HandPart, check_geometry
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
 from pinograsp.contacts.penetration import find_normal
-from pinograsp.contacts.pushing import is_jammed, make_way
+from pinograsp.contacts.pushing import CAGED, PushWay, push_object
 from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
@@ -37,11 +37,6 @@ from pinograsp.words import format_fixed
 Posture: TypeAlias = Mapping[str, ArrayLike] | ArrayLike  # {finger: angles (n_f,)} or q (n,)
 
 _OPEN = 1e-9  # [m] an overlap beyond rounding: the hand cannot start there
-_PUSH = 0.005  # first share of the path that jaws push the object at once; quartered where it cannot yield
-_ROOM = 0.02  # of the jaws' own way: room that a pushed object is given, so that curved paths need few corrections
-_LEVERAGE = 10.0  # a pushed object moves at most this much farther than the jaws: else it slips out of them
-_CAGED = 2e-6  # [m] gap of a jaw that cages the object with others
-_PUSHES = 200  # at most
 _MOST_STEPS = 50_000  # of one closing, which takes some hundreds
 
 
@@ -138,7 +133,7 @@ class _Closing:
 
     def __init__(self, hand: HandModel, body: Body, start: Array, target: Array, prepared: PreparedClosing, wrap: bool):
         self.hand, self.body, self.start, self.target, self.names = hand, body, start, target, hand.joint_names
-        self.parts, self.distances = prepared.parts_at(hand), Distances(hand, body)
+        self.prepared, self.parts, self.distances = prepared, prepared.parts_at(hand), Distances(hand, body)
         self.way = Approach(prepared, hand, body)
         self.q, self.at = start.copy(), 0.0
         way = target - start
@@ -298,44 +293,27 @@ class _Closing:
         shared = np.array([i in self.shared and name in stopped for i, name in enumerate(self.names)])
         if not shared.any():
             return
-        parts = [
-            part for part in self.parts if not part.joint or (part.reach[shared] > 0).any() or part.link in self.touched
+        which = [
+            i
+            for i, part in enumerate(self.parts)
+            if not part.joint or (part.reach[shared] > 0).any() or part.link in self.touched
         ]
-        q, at, body, step, most = self.q.copy(), self.at, self.body, _PUSH, _PUSH
+        parts = [self.parts[i] for i in which]
         speeds = np.array([float(np.abs(self.rate[shared]) @ part.reach[shared]) for part in parts])
-        gaps = np.full(len(parts), -np.inf)  # lower bounds at q and body: the distances of far parts are not computed
-        self.distances.put(q, body)
-        pushed, room = True, 0.0
-        for _ in range(_PUSHES):
-            if pushed and is_jammed(self.distances, parts, gaps, friction, max(_CAGED, 2 * room)):
-                if 2 * room <= _CAGED:
-                    break
-                most = step = min(step, most) / 4  # nearer, before it is called touching
-            if step * speeds.max() < 0.1 * _CAGED:
-                break
-            left = np.where(shared, np.abs(self.last - q), 0.0)
-            if not left.max() > 1e-12:
-                break
-            # Every joint goes on to its own end.
-            trial, reach = q + np.sign(self.rate) * np.minimum(step * np.abs(self.rate), left), step * speeds.max()
-            given = max(0.1 * _CAGED, _ROOM * reach)
-            most_moved = _LEVERAGE * reach + given
-            yielded = make_way(self.distances, parts, trial, body, gaps - step * speeds, most_moved, given)
-            pushed = yielded is not None
-            if yielded is None:
-                step /= 4
-            else:
-                q, at, (body, gaps), room, step = trial, at + step, yielded, given, min(2 * step, most)
-                if np.linalg.norm(body.com_o - self.body.com_o) > 4 * body.bounding_radius:
-                    break  # pushed out of the hand
+        way = PushWay(self.q, self.at, self.rate, np.where(shared, self.last, self.q), parts, speeds)
+        compiled = self.prepared.pushing
+        if compiled is None:
+            q, at, body = push_object(self.distances, way, self.body, friction)
+        else:
+            q, at, body = compiled.push(way, self.hand, self.body, which, friction)
         self.distances.put(q, body)
         found = [(*self.distances.of(part), part) for part in parts]
-        if len({part.finger for gap, _, part in found if gap <= _CAGED}) < 2:
+        if len({part.finger for gap, _, part in found if gap <= CAGED}) < 2:
             return  # nothing to hold it against: it was only pushed away, so it is left where it was first touched
         self.q, self.at, self.touches, self.body = q, at, [], body
         # One jaw may stay a micrometre away while the others cage the object.
         for gap, point, part in sorted(found, key=lambda one: one[0]):
-            if gap <= _CAGED and part.link not in self.touched:
+            if gap <= CAGED and part.link not in self.touched:
                 self.touch(part, gap, point)
         for i in np.flatnonzero(shared & (np.abs(self.last - q) <= 1e-12)).tolist():
             self.note_end(i)

@@ -208,6 +208,47 @@ void check_triangles() {
             fail("a nearer triangle", other, nearest);
 }
 
+// No multiples are nearer: what is left is across what is taken, and no vector points away from it.
+void check_shares() {
+    std::vector<Seven> vectors(below(3) == 0 ? below(100) : below(9));
+    for (Seven& one : vectors)
+        for (double& x : one) x = below(4) == 0 ? 0.0 : spread(1.0);
+    if (vectors.size() > 1 && below(3) == 0) vectors.back() = vectors.front();
+    Seven target{};
+    target[6] = 1.0;
+    const Seven left = Shares().nearest(vectors, target);
+    double off = dot(left, left) + left[6];
+    for (const Seven& one : vectors) off = std::max(off, -dot(one, left));
+    if (!(off <= 1e-8)) fail("nearer multiples", off, dot(left, left));
+}
+
+// A hand that pushes ends where nothing overlaps, no farther than its joints go, whatever the numbers are.
+void check_push() {
+    const int hostile = below(2) == 0 ? 0 : 20;
+    Pushing push;
+    push.settings = {0.005, 2e-6, 0.02, 10.0, 4.0, 3.0, 1e-3, 200, 30};
+    push.joints.push_back({-1, 0, frame(0.1, hostile), triple(1.0, hostile), {}});
+    push.joints.push_back({below(2) - 1, below(2), frame(0.05, hostile), {}, triple(1.0, hostile)});
+    const int count = 1 + below(3);
+    std::vector<Pusher> pushers;
+    for (int i = 0; i < count; ++i) {
+        push.parts.push_back({below(3) - 1, frame(0.05, hostile), Body(solid(hostile, 1))});
+        pushers.push_back({i, below(3), std::fabs(number(2.0, hostile))});
+    }
+    push.object = Body(solid(hostile, 1));
+    push.radius = std::fabs(number(0.2, hostile)) + 1e-3;
+    const Triple first = triple(0.5, hostile), rates = triple(1.0, hostile);
+    std::vector<double> q{first[0], first[1]};
+    const double last[2] = {q[0] + 0.2 * rates[0], q[1] + 0.2 * rates[1]};
+    Frame there = frame(0.3, hostile);
+    double at = 0.0;
+    push.push(q, rates.data(), last, there, at, pushers, 0.5);
+    if (hostile > 0) return;
+    for (int i = 0; i < 2; ++i)
+        if (!(std::fabs(q[i] - last[i]) <= std::fabs(first[i] - last[i]) + 1e-12)) fail("too far", q[i], last[i]);
+    if (!(at >= 0.0)) fail("the way that was gone", at, 0.0);
+}
+
 }  // namespace
 
 int main(int count, char** arguments) {
@@ -221,6 +262,8 @@ int main(int count, char** arguments) {
         check_footing();
         check_scene();
         check_triangles();
+        check_shares();
+        check_push();
     }
     std::printf("touches of %llu inputs hold\n", most);
     return 0;

@@ -571,6 +571,67 @@ Body surface_of(const Numbers& triangles) {
     return Body(std::move(pieces));
 }
 
+// An object that a hand pushes: joints and parts, added one by one.
+struct Push {
+    Pushing own;
+    std::size_t inputs = 0;
+
+    // How it goes: shares of the way, `caged` [m], and counts, as in `PushSettings`.
+    Push(double radius, Numbers settings, int most, int cuts) {
+        const double* given = finite(settings, 7, "settings");
+        need_number(radius, true, "radius");
+        for (int i = 0; i < 7; ++i) need_number(given[i], true, "settings");
+        need(most >= 0 && most <= 100000 && cuts >= 0 && cuts <= 1000, "most, cuts");
+        own.radius = radius;
+        own.settings = {given[0], given[1], given[2], given[3], given[4], given[5], given[6], most, cuts};
+    }
+
+    void add_joint(std::int64_t parent, std::int64_t input, Numbers frame, Numbers screw) {
+        own.joints.push_back(make_joint(own.joints, parent, input, frame, screw));
+        inputs = std::max(inputs, static_cast<std::size_t>(input) + 1);
+    }
+
+    void add_part(std::int64_t joint, Numbers frame, Numbers points, Numbers radii) {
+        need(points.size() > 0, "points");
+        own.parts.push_back({joint_of(own.joints, joint), frame_of(frame), Body(solid_of(points, radii))});
+    }
+
+    // The object in a frame at its centre of mass: a convex shape, or a surface.
+    void put(Numbers points, Numbers radii, Numbers triangles) {
+        need(points.size() + triangles.size() > 0, "points, triangles");
+        own.object = triangles.size() > 0 ? surface_of(triangles) : Body(solid_of(points, radii));
+    }
+
+    // Where on the way it ends; `q` (n) and `pose` (4, 4) of the object are where it starts and where it ends.
+    // `pushers` (p, 2): parts and fingers; `speeds` (p).
+    double push(Written q, Numbers rate, Numbers last, Written pose, double at, Indices pushers, Numbers speeds,
+                double friction) {
+        const std::size_t n = q.size(), p = speeds.size();
+        need(n >= inputs && rate.size() == n && last.size() == n, "q, rate, last");
+        need(pushers.size() == 2 * p && pose.size() == 16 && !own.object.empty(), "pushers, pose, object");
+        need_number(friction, false, "friction"), need_number(at, false, "at");
+        finite(rate, n, "rate"), finite(last, n, "last"), finite(speeds, p, "speeds");
+        for (const Written& one : {q, pose})
+            need(std::all_of(one.data(), one.data() + one.size(), [](double value) { return std::isfinite(value); }),
+                 "q, pose");
+        std::vector<Pusher> each;
+        for (std::size_t i = 0; i < p; ++i) {
+            const std::int64_t part = pushers.data()[2 * i], finger = pushers.data()[2 * i + 1];
+            need(part >= 0 && part < static_cast<std::int64_t>(own.parts.size()), "pushers");
+            each.push_back({static_cast<int>(part), static_cast<int>(finger), speeds.data()[i]});
+        }
+        std::vector<double> joints(q.data(), q.data() + n);
+        Frame there = frame_at(pose.data());
+        own.push(joints, rate.data(), last.data(), there, at, each, friction);
+        std::copy(joints.begin(), joints.end(), q.data());
+        for (int i = 0; i < 3; ++i) {
+            std::copy_n(there.R.begin() + 3 * i, 3, pose.data() + 4 * i);
+            pose.data()[4 * i + 3] = there.t[i];
+        }
+        return at;
+    }
+};
+
 // The object of what is given, and its contacts with a number of parts.
 template <class Given>
 Grasped grasped_of(const Given& given, std::size_t parts) {
@@ -983,6 +1044,12 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
             "put", [](Approach& own, Numbers points, Numbers radii) { own.way.object = solid_of(points, radii); },
             "points"_a, "radii"_a)
         .def("pursue", &Approach::pursue, "at"_a, "end"_a, "q"_a, "rate"_a, "object_pose"_a, "known"_a, "most"_a);
+    nb::class_<Push>(m, "Push")
+        .def(nb::init<double, Numbers, int, int>(), "radius"_a, "settings"_a, nb::kw_only(), "most"_a, "cuts"_a)
+        .def("add_joint", &Push::add_joint, "parent"_a, "input"_a, "frame"_a, "screw"_a)
+        .def("add_part", &Push::add_part, "joint"_a, "frame"_a, "points"_a, "radii"_a)
+        .def("put", &Push::put, "points"_a, "radii"_a, "triangles"_a)
+        .def("push", &Push::push, "q"_a, "rate"_a, "last"_a, "pose"_a, "at"_a, "pushers"_a, "speeds"_a, "friction"_a);
     nb::class_<Touches> touches(m, "Touches");
     const auto numbers = [&touches](const char* name, std::vector<double> Touches::* values) {
         touches.def_prop_ro(name, [values](nb::handle self) {

@@ -8,6 +8,7 @@
 #include "core/grip.hpp"
 #include "core/multipliers.hpp"
 #include "core/online.hpp"
+#include "core/pushing.hpp"
 #include "core/springs.hpp"
 #include "core/touch.hpp"
 #include "core/triangles.hpp"
