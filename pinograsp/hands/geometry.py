@@ -260,7 +260,10 @@ def hull_of(shape: coal.CollisionGeometry) -> coal.ConvexBase | None:
             return None
         if volume < _FLAT * np.ptp(points, axis=0).max() ** 3:
             return None
-        shape.buildConvexHull(True, "Qt")
+        try:
+            shape.buildConvexHull(True, "Qt")
+        except RuntimeError:  # a corner with too many neighbours, as of a disc with many corners: coal counts to 255
+            shape.buildConvexHull(True, "QJ")
     return shape.convex
 
 

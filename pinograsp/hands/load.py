@@ -27,6 +27,7 @@ from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import tells_unit
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.motors import Actuation, drives_of, motors_at, on_joints, remarks_on, springs_of
+from pinograsp.hands.shapes import choose_shapes
 from pinograsp.hands.sheets import apply_sheet, find_sheet
 from pinograsp.hands.srdf import disabled_collisions, pairs_in
 from pinograsp.hands.tree import find_fingers, joints_before, palms_in, tip_of, with_followed
@@ -168,7 +169,7 @@ def build_hand(
     """The hand of a description; ``entry``: of the catalogue, ``sheets``: of its drives, the others as for
     :func:`load_hand`, checked.
     """
-    prepared = prepare_hand(description)
+    prepared = prepare_hand(description, limits if isinstance(limits, Mapping) else {})
     labels = {"motor": motors_at(description.actuation), **description.labels}
     hand = _build_hand(description.name, prepared, palm, fingers, masses, exclude, labels)
     hand = with_effort_limits(hand, prepared.efforts, () if entry is None else entry.drives or ())
@@ -220,7 +221,8 @@ def _build_hand(
 ) -> HandModel:
     """The hand without drives: its model, geometry, masses and fingers."""
     model, notes = _build_model(source, prepared), list(prepared.notes)
-    geometry, unit = collision_geometry(model, prepared.shapes, notes)
+    shapes = choose_shapes(model, prepared.shapes, prepared.visuals, notes)
+    geometry, unit = collision_geometry(model, shapes, notes)
     visuals = [
         replace(one, size=tuple(unit * size for size in one.size))
         if one.kind == "mesh" and not tells_unit(one.path)
@@ -228,7 +230,7 @@ def _build_hand(
         for one in prepared.visuals
     ]
     if not geometry.ngeoms:
-        notes.append("no collision geometry: nothing of this hand can touch")
+        notes.append("neither collision nor visual shapes that can be read: nothing of this hand can touch")
     if masses == "estimate":
         fill_masses(model, geometry, prepared.unweighed, notes)
     elif prepared.unweighed:

@@ -76,6 +76,17 @@ def read_shapes(robot: yourdfpy.Robot, names: MeshNames, notes: list[str]) -> li
     return shapes
 
 
+def choose_shapes(model: pin.Model, shapes: list[Shape], visuals: list[Shape], notes: list[str]) -> list[Shape]:
+    """The collision shapes; where no link that moves has one, also what is seen of the links without, noted."""
+    shaped = {shape.link for shape in shapes}
+    moved = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint}
+    seen = [shape for shape in visuals if shape.link not in shaped]
+    if shaped & moved or not {shape.link for shape in seen} & moved:
+        return shapes
+    notes.append("no link that moves has collision shapes: what is seen of the links stands for them")
+    return [*shapes, *seen]
+
+
 def _find_coarse(robot: yourdfpy.Robot) -> list[str]:
     """Links with shapes, called as a link with shapes of its own that they are fixed to, and ``_sc``."""
     shaped = {link.name for link in robot.links if link.collisions}

@@ -6,12 +6,15 @@ import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
+from pinograsp.checks import array_of
 from pinograsp.errors import HandNotLoaded
 from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_front, narrow_limits, resolve
 from pinograsp.hands.elements import LARGEST, LEAST
@@ -70,8 +73,11 @@ class PreparedHand:
     notes: list[str] = field(default_factory=list)
 
 
-def prepare_hand(description: RobotDescription) -> PreparedHand:
-    """Check and complete a description, whose robot is changed.
+def prepare_hand(
+    description: RobotDescription, limits: Mapping[str, tuple[float, float]] = MappingProxyType({})
+) -> PreparedHand:
+    """Check and complete a description, whose robot is changed; ``limits``: positions [rad or m] for joints whose own
+    limits have no range between them.
 
     Raises:
         HandNotLoaded: with all problems found.
@@ -80,11 +86,12 @@ def prepare_hand(description: RobotDescription) -> PreparedHand:
     _check_counts(source, robot)
     problems, notes = list(description.problems), list(description.notes)
     visuals = read_visuals(robot, names)
+    _mend_limits(robot, limits)
     _fix_still_joints(robot, notes)
     broken = find_tree_problems(robot, description.root)
     if not (broken or problems):
         _fix_idle_joints(robot, find_rotors(robot, names), notes)
-    limits, joint_problems, continuous = _read_limits(robot, notes)
+    own_limits, joint_problems, continuous = _read_limits(robot, notes)
     couplings, mimic_problems = _resolve_mimics(robot, description.outside, notes)
     unweighed, weightless = ([], []) if broken else find_unweighed(robot)
     problems += broken + joint_problems + mimic_problems + mend_inertias(robot, notes) + weightless
@@ -92,10 +99,10 @@ def prepare_hand(description: RobotDescription) -> PreparedHand:
         raise HandNotLoaded(source, problems)
     followed = {name: one.followed for name, one in couplings.items()}
     order = in_order(robot.joints, couplings)
-    efforts = {name: one.effort for name, one in limits.items()}
-    couplings, limits = led_from_the_front(order, couplings, narrow_limits(limits, couplings, notes), notes)
+    efforts = {name: one.effort for name, one in own_limits.items()}
+    couplings, own_limits = led_from_the_front(order, couplings, narrow_limits(own_limits, couplings, notes), notes)
     joints = [joint.name for joint in robot.joints]
-    without = [name for name in joints if name in limits and not limits[name].effort]
+    without = [name for name in joints if name in own_limits and not own_limits[name].effort]
     if without:
         notes.append(f"no effort limit (none given, or 0): {', '.join(without)}")
     following: dict[str, list[str]] = {}
@@ -109,7 +116,7 @@ def prepare_hand(description: RobotDescription) -> PreparedHand:
     aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}
     return PreparedHand(
         name=robot.name or Path(source).stem,
-        text=_write_text(robot, couplings, limits, {own: alias for alias, own in aliases.items()}),
+        text=_write_text(robot, couplings, own_limits, {own: alias for alias, own in aliases.items()}),
         aliases=aliases,
         joints=robot.joints,
         links=[link.name for link in robot.links],
@@ -139,6 +146,18 @@ def _check_counts(source: str, robot: yourdfpy.Robot) -> None:
 
 
 # -- limits, couplings -------------------------------------------------------------------------------------------------
+
+
+def _mend_limits(robot: yourdfpy.Robot, limits: Mapping[str, tuple[float, float]]) -> None:
+    """Put position limits where the file's own have no range between them."""
+    from yourdfpy import Limit
+
+    for joint in robot.joints:
+        lower, upper = _ends(joint)
+        if joint.name in limits and not lower < upper:
+            lower, upper = array_of(f"limits of '{joint.name}'", limits[joint.name], (2,)).tolist()
+            most = {key: getattr(joint.limit, key, None) or 0.0 for key in ("effort", "velocity")}
+            joint.limit = Limit(lower=lower, upper=upper, **most)
 
 
 def _fix_still_joints(robot: yourdfpy.Robot, notes: list[str]) -> None:
@@ -247,13 +266,14 @@ def _read_limits(robot: yourdfpy.Robot, notes: list[str]) -> tuple[dict[str, Lim
             continue  # what it follows bounds it
         elif joint.limit is None or None in (joint.limit.lower, joint.limit.upper):
             problems.append(
-                f"joint '{joint.name}' has no position limits: give it <limit lower= upper=> (in MJCF: range=)"
+                f"joint '{joint.name}' has no position limits: give it <limit lower= upper=> (in MJCF: range=), or "
+                "limits="
             )
         else:
             beyond = f", or beyond {LARGEST:g}" if max(abs(lower), abs(upper)) > LARGEST else ""
             problems.append(
                 f"joint '{joint.name}': lower limit {lower:g} is not below upper {upper:g}{beyond}: correct <limit>, "
-                "or make it a fixed joint"
+                "give limits=, or make it a fixed joint"
             )
     if continuous:
         notes.append(
@@ -269,6 +289,7 @@ def _resolve_mimics(
     """Couplings of the mimic joints to joints that follow none, and the problems with them."""
     types = {joint.name: joint.type for joint in robot.joints}
     problems: list[str] = []
+    unknown: dict[str, list[str]] = {}
     couplings: dict[str, Coupling] = {}
     for name, mimic in ((joint.name, joint.mimic) for joint in robot.joints if joint.mimic is not None):
         followed = mimic.joint
@@ -276,15 +297,21 @@ def _resolve_mimics(
             problems.append(f"joint '{name}' mimics '{followed}', which root= leaves out: choose a root with both")
             continue
         if followed not in types:
-            # Exporters add a prefix to the joints and forget it here.
+            # Exporters add a prefix or an ending to the joints and forget it here.
             near = [other for other in types if followed and other.endswith(followed) and other != name]
             same = [other for other in near if name.startswith(other[: len(other) - len(followed)])]
+            same = same or [other for other in types if other == f"{followed}_joint" and other != name]
             if len(same) != 1:
-                problems.append(f"joint '{name}' mimics the unknown joint '{followed}'; joints: {', '.join(types)}")
+                unknown.setdefault(followed, []).append(name)
                 continue
             notes.append(f"joint {name} mimics '{followed}', which does not exist: taken as {same[0]}")
             followed = same[0]
         couplings[name] = Coupling(followed=followed, factor=mimic.multiplier, offset=mimic.offset)
+    for followed, names in unknown.items():
+        near = get_close_matches(followed or "", [name for name in types if name not in names])
+        known = f"is it {' or '.join(near)}?" if near else f"joints: {', '.join(types)}"
+        which = f"joint '{names[0]}' mimics" if len(names) == 1 else f"joints {', '.join(names)} mimic"
+        problems.append(f"{which} the unknown joint '{followed}'; {known}")
     direct, more = resolve(couplings, types)
     return direct, problems + more
 

@@ -53,6 +53,9 @@ def find_unweighed(robot: yourdfpy.Robot) -> tuple[list[str], list[str]]:
         if joint.type not in MOVING:
             fixed.setdefault(joint.parent, []).append(joint.child)
     moving = [joint for joint in robot.joints if joint.type in MOVING]
+    # Where none has collision shapes, what is seen of the links stands for them.
+    own = any(links[joint.child].collisions for joint in moving)
+    followed = {joint.mimic.joint for joint in moving if joint.mimic is not None}
     joints: list[str] = []
     shapeless: list[str] = []
     for joint in moving:
@@ -62,9 +65,16 @@ def find_unweighed(robot: yourdfpy.Robot) -> tuple[list[str], list[str]]:
         if any(links[link].inertial is not None for link in together):
             continue
         joints.append(joint.name)
-        if not any(links[link].collisions for link in together):
+        # What a motor turns may have nothing of its own: what follows it has the mass.
+        if joint.name not in followed and not any(
+            links[link].collisions if own else links[link].visuals for link in together
+        ):
             shapeless.append(joint.child)
     if len(joints) < len(moving):
         return joints, []
-    problem = "moves but has no <inertial>, nor <collision> to take it from: torques would be wrong, add one"
-    return joints, [f"link '{link}' {problem}" for link in shapeless]
+    if not shapeless:
+        return joints, []
+    which = (
+        f"link '{shapeless[0]}' moves but has" if len(shapeless) == 1 else f"links {', '.join(shapeless)} move but have"
+    )
+    return joints, [f"{which} no <inertial>, nor a shape to take it from: torques would be wrong, add one"]

@@ -63,16 +63,17 @@ def find_tree_problems(robot: yourdfpy.Robot, root: str | None) -> list[str]:
         if kind == "joint" and "universe" in names:
             problems.append("joint 'universe': Pinocchio keeps that name for the world, choose another")
     children = [joint.child for joint in robot.joints]
-    for joint in robot.joints:
-        problems += [
-            f"joint '{joint.name}' names the unknown link '{link}': add it, or correct the name"
-            for link in (joint.parent, joint.child)
-            if link not in links
-        ]
+    unknown = [
+        f"joint '{joint.name}' names the unknown link '{link}': add it, or correct the name"
+        for joint in robot.joints
+        for link in (joint.parent, joint.child)
+        if link not in links
+    ]
+    problems += unknown
     twice = sorted({name for name in children if children.count(name) > 1})
     problems += [f"link '{name}' has several parent joints: URDF is a tree, leave all but one out" for name in twice]
     roots = [name for name in links if name not in children]
-    if len(roots) != 1:
+    if len(roots) > 1 or not (roots or unknown):
         found = ", ".join(roots) or "every link has a parent, which is a loop"
         problems.append(f"expected one root link, found {len(roots)}: {found}; join them, or give root=")
     elif not problems:

@@ -32,7 +32,7 @@ _PARAMETER = re.compile(
 )
 PACKAGE, _ARGUMENT = re.compile(r"\$\(\s*find\s+([\w.-]+)\s*\)"), re.compile(r"\$\(\s*arg\s+(\w+)\s*\)")
 _EXPRESSION = re.compile(r"\$\(eval (.*)\)", re.DOTALL)
-_FORBIDDEN = re.compile(r"\$(?![{(]).?|\$\{\s*(?:xacro|python|load_yaml)\s*\}")  # stray, and names of what is more
+_FORBIDDEN = re.compile(r"\$(?![{(\w]).?|\$\{\s*(?:xacro|python|load_yaml)\s*\}")  # stray, and names of what is more
 _MOST_WORK, _MOST_TIME = 100_000, 10.0  # elements and expressions together, and [s]
 
 

@@ -19,6 +19,7 @@ from pinograsp.motion.torques import preload_slope
 from pinograsp.spatial import Array
 
 AWAY = 2e-3  # [m] by which the object may give way to the push of a reserve
+TILTED = float(np.radians(5.0))  # [rad] by which its weight may turn the object once only the hand holds it
 _FINGERTIP = 0.008  # [m] radius of curvature of links where they touch
 
 
@@ -60,6 +61,13 @@ def push_away(held: ObjectStiffness, push: float) -> float:
     if not held.is_stable():
         return np.inf
     return push * float(np.linalg.norm(np.linalg.pinv(held.matrix)[:3, :3], 2))
+
+
+def find_tilt(held: ObjectStiffness, load: Array) -> float:
+    """How far a load (6,) [N, N m] turns the object [rad]; infinity: it leaves."""
+    if not held.is_stable():
+        return np.inf
+    return float(np.linalg.norm((np.linalg.pinv(held.matrix) @ load)[3:]))
 
 
 def _curvatures(problem: ForceProblem) -> tuple[Array, Array]:

@@ -29,7 +29,7 @@ from pinograsp.plan.simulation import MOVED
 from pinograsp.plan.tolerance import PoseTolerance
 from pinograsp.planner.as_commanded import measure_turn
 from pinograsp.planner.assemble import pressing_too
-from pinograsp.planner.compliance import instability
+from pinograsp.planner.compliance import instability, is_tilted
 from pinograsp.planner.drive_cautions import measure_speeds
 from pinograsp.planner.grasp_plan import GraspPlan, add_tolerance
 from pinograsp.planner.options import AS_USUAL, PlanOptions
@@ -42,7 +42,7 @@ from pinograsp.synthesis.found import SOUND, FoundGrasp
 FAR = 0.02  # slip of a contact while it presses, relative to the object's size
 _OTHER = 0.1  # share by which a force at rest is another one than planned
 _TRIES = 4  # plans that are not firm, or lose misplaced objects, before the best of them is taken
-_MOST_FAULTS = 7  # that :func:`_count_faults` counts, and a squeeze that crushes
+_MOST_FAULTS = 8  # that :func:`_count_faults` counts, and a squeeze that crushes
 _SLOWER = 1.05  # times as long as joints need that would be too fast: forces change a little with the time, too
 _SLOWED, _LONGEST = 3, 10.0  # times that a plan is slowed at most, and times as long as asked for
 _SHAKEN = 0.5  # of the acceleration that the reserve's force stands for
@@ -61,11 +61,11 @@ def plan_best(
 
     Some plans come last: contacts slide far while they press, lie on edges or press past them; other links press on the
     object, too; the forces differ from the planned ones; or the hand's own servos and the contacts let the object go,
-    or give way far to the push of the reserve (:meth:`GraspPlan.object_stiffness`). Of the firm plans, those come first
-    that keep more objects displaced by 5 mm and 5 deg; in hands of position servos of known stiffness, those in which
-    the push turns the object less; and those that let the object drop by no more than 5 mm if only the hand holds it
-    from the touch on. Where joints would move faster than their limits, the plan takes as long as they need (t_I, t_F),
-    and a note says so.
+    or give way far to its weight or the push of the reserve (:meth:`GraspPlan.object_stiffness`). Of the firm plans,
+    those come first that keep more objects displaced by 5 mm and 5 deg; in hands of position servos of known stiffness,
+    those in which the push turns the object less; and those that let the object drop by no more than 5 mm if only the
+    hand holds it from the touch on. Where joints would move faster than their limits, the plan takes as long as they
+    need (t_I, t_F), and a note says so.
 
     Args:
         found: what :func:`~pinograsp.synthesis.find_grasps` found.
@@ -321,10 +321,11 @@ def _check(plan: GraspPlan) -> tuple[GraspPlan, bool]:
 
 def _count_faults(plan: GraspPlan, closure: Closure) -> int:
     """How much speaks against a plan: contacts that slide, lie on edges or press past them, forces that come out other
-    than planned, other links that press, an object that leaves by itself or is easily pushed away.
+    than planned, other links that press, an object that leaves by itself, is easily pushed away or tilts.
     """
     slip, solution = np.asarray(plan.motion.slip), plan.solution
     planned, push = plan.forces.normal_forces, 0.0 if plan.reserve is None else plan.reserve.force
+    servos = servo_gains(plan.hand)
     return sum(
         (
             bool(slip.size) and float(slip.max()) > FAR * closure.object.bounding_radius,
@@ -332,6 +333,7 @@ def _count_faults(plan: GraspPlan, closure: Closure) -> int:
             float(np.abs(plan.motion.settled_forces / planned - 1.0).max()) > _OTHER,
             bool(past_edges(closure.object, solution.problem.contacts, plan.forces.final_depths).any()),
             bool(pressing_too(plan.hand, solution, plan.motion.q[-1])),
-            bool(instability(plan.hand, solution, plan.motion.q[-1], servo_gains(plan.hand), push)),
+            bool(instability(plan.hand, solution, plan.motion.q[-1], servos, push)),
+            is_tilted(plan.hand, solution, plan.motion.q[-1], servos),
         )
     )

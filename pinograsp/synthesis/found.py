@@ -31,7 +31,7 @@ from pinograsp.forces.bulk.squeeze import Holding, find_hopeless, squeeze as squ
 from pinograsp.forces.robust.reserve import held_body
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.motion import effort_of, pressing_together, torque_limits, torques_matter
-from pinograsp.motion.holding import AWAY, held_stiffness, push_away
+from pinograsp.motion.holding import AWAY, TILTED, find_tilt, held_stiffness, push_away
 from pinograsp.objects.body import Body
 from pinograsp.showing import in_notebook
 from pinograsp.spatial import Array
@@ -63,6 +63,7 @@ class FoundGrasp:
         reserved: whether there is a reserve to withstand.
         displacement: of the object under the push of the reserve, so squeezed by the hand's own servos [m]; infinity:
             it leaves by itself. 0 without a reserve.
+        tilt: of the object under its weight, once only the hand holds it [rad]; likewise.
         doubtful: share of that squeeze [-] that acts on edges of the object, where a small error turns it, or where a
             link is hollow behind its convex hull.
         energy: objective of the forces.
@@ -82,6 +83,7 @@ class FoundGrasp:
     squeeze: float
     reserved: bool
     displacement: float
+    tilt: float
     doubtful: float
     energy: float
     load_factor: float
@@ -113,8 +115,13 @@ class FoundGrasp:
         """2: withstands the reserve; 1: with doubtful contacts, a squeeze that crushes, or an object that gives way;
         0: does not withstand it.
         """
-        firm = self.doubtful <= DOUBTFUL and self.displacement <= AWAY
+        firm = self.doubtful <= DOUBTFUL and self.yielding <= 1.0
         return int(self.withstands) * (SOUND if firm and not self.crushes else 1)
+
+    @property
+    def yielding(self) -> float:
+        """How far the object gives way to its weight and the reserve's push, of what is firm [-]."""
+        return max(self.displacement / AWAY, self.tilt / TILTED)
 
     @property
     def crushes(self) -> bool:
@@ -139,7 +146,7 @@ class FoundGrasp:
         quite where it is said to be; then by the least squeeze that withstands the reserve; without one, since the
         cheapest balance is a cradle, by what they withstand in the weakest direction per newton.
         """
-        fingers, away = min(self.fingers, self.wanted_fingers), max(self.displacement, AWAY)
+        fingers, away = min(self.fingers, self.wanted_fingers), max(self.yielding, 1.0)
         order = (self.sound, -away, fingers, self._within(_GENTLE), self.room if self.withstands else 0.0)
         return *order, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
 
@@ -176,6 +183,7 @@ def hold(
     squeeze: Array | None = forces.normal_forces
     if conditions.reserve is not None:
         squeeze = _squeeze(closure, problem, conditions.reserve, quick)
+    displacement, tilt = _yield(closure, problem, conditions.reserve, squeeze)
     borne = forces.normal_forces if squeeze is None else squeeze
     rough = quick and conditions.reserve is not None  # a squeeze alone ranks it, or else the quality
     return "holds", FoundGrasp(
@@ -185,7 +193,8 @@ def hold(
         quality=0.0 if rough and squeeze is not None else _quality(problem, conditions.reserve, rough),
         squeeze=np.inf if squeeze is None else float(squeeze.sum()),
         reserved=conditions.reserve is not None,
-        displacement=_displacement(closure, problem, conditions.reserve, squeeze),
+        displacement=displacement,
+        tilt=tilt,
         doubtful=doubtful_share(closure.hand, closure.object, contacts, borne),
         energy=forces.certificate.objective,
         load_factor=0.0 if rough else load_factor(problem, impact_time=impact_time),
@@ -194,17 +203,21 @@ def hold(
     )
 
 
-def _displacement(closure: Closure, problem: ForceProblem, reserve: Reserve | None, squeeze: Array | None) -> float:
-    """Of the object under the push of the reserve, squeezed by normal forces (k,) [m]."""
+def _yield(
+    closure: Closure, problem: ForceProblem, reserve: Reserve | None, squeeze: Array | None
+) -> tuple[float, float]:
+    """How far the object, squeezed by normal forces (k,), gives way to the push of the reserve [m], and turns under its
+    weight [rad].
+    """
     if reserve is None or squeeze is None:
-        return 0.0
+        return 0.0, 0.0
     hand, G, forces_c = closure.hand, problem.contacts.G, np.column_stack([np.zeros((problem.k, 2)), squeeze])
     # Forces that hold the weight keep an object that hangs below its contacts from turning.
     forces_c += (np.linalg.pinv(G) @ (-problem.load - G @ forces_c.ravel())).reshape(-1, 3)
     forces_c[:, 2] = np.maximum(forces_c[:, 2], 0.0)
     held = held_stiffness(hand, problem, forces_c, np.array(closure.q), servo_gains(hand))
     weight = held_body(problem).mass * float(np.linalg.norm(problem.gravity_o))
-    return push_away(held, reserve.disturbance * weight)
+    return push_away(held, reserve.disturbance * weight), find_tilt(held, problem.load)
 
 
 def _quality(problem: ForceProblem, reserve: Reserve | None, rough: bool) -> float:

@@ -104,11 +104,14 @@ def preshapes(
 
 
 def measure_opening(hand: HandModel, fingers: Sequence[str] | None = None) -> float:
-    """How far the fingertips are apart where the hand is open, its spreading joints in the middle [m]."""
+    """How far the fingertips are apart where the hand is open, its spreading joints in the middle [m]; where they do
+    not oppose each other there, as soon as they do on their way.
+    """
     tips = _Tips(hand, fingers)
     opened, closed = tips.ends(tips.middle)
-    shape = tips.preshape(opened, closed, opened)
-    return 0.0 if shape is None else shape.width
+    shares = np.concatenate([[0.0], _SHARES])[:, None]
+    on_the_way = tips.preshapes(opened, closed, opened + shares * (closed - opened))
+    return next((shape.width for shape in on_the_way if shape is not None), 0.0)
 
 
 def free_of_themselves(hand: HandModel, shapes: list[Preshape]) -> list[Preshape]:

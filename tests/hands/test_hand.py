@@ -797,7 +797,7 @@ def test_shapes_without_size_are_left_out_and_noted(tmp_path):
     assert len(hand.geometry.geometryObjects) == 1
     note = next(note for note in hand.notes if note.startswith("shapes left out"))
     assert note.count("a (") == 5 and "no known shape" in note
-    assert any("no collision geometry" in note for note in load_hand(write(tmp_path, urdf())).notes)
+    assert any("nothing of this hand can touch" in note for note in load_hand(write(tmp_path, urdf())).notes)
 
 
 def meshes(folder, *names):
