@@ -7,14 +7,16 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from pinograsp import core
 from pinograsp.checks import array_of, instance_of, integer
+from pinograsp.contacts.compiled import compiled_object, compiled_shape
 from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
@@ -59,6 +61,11 @@ class HandPart:
         part.placement, part.centre = move * self.placement, move.act(self.centre)
         part.__dict__.pop("corners", None)
         return part
+
+    @cached_property
+    def compiled(self) -> Any:
+        """The core's shape of it; None where the core is not installed, or knows none."""
+        return compiled_shape(self.geometry) if core.is_installed() else None
 
     @property
     def reach(self) -> Array:
@@ -140,6 +147,11 @@ class Distances:
         self.request.epa_tolerance = 1e-9
         self.put(np.clip(hand.resting, hand.lower, hand.upper), body)
 
+    @cached_property
+    def compiled(self) -> Any:
+        """The core's shape of the object; None where the core is not installed, or knows none."""
+        return compiled_object(self.body) if core.is_installed() else None
+
     def put(self, q: Array, body: Body | None = None, *, rate: Array | None = None) -> None:
         """Move the hand to the posture q (n,), at joint rates (n,) where velocities are asked for; with ``body``, the
         object to where that, the same solid, is.
@@ -151,13 +163,14 @@ class Distances:
     def put_object(self, body: Body) -> None:
         """Move the object to where ``body``, the same solid, is."""
         self.body = body
-        self.pose = _coal_pose(body.shape_pose)
+        self.place, self.pose = np.array(body.shape_pose), _coal_pose(body.shape_pose)
 
     def move_object(self, shift: Array, turn: Array) -> None:
         """Take the distances to the object turned by ``turn`` (3, 3) about its centre of mass and moved by ``shift``
         (3,), world's axes, from where :attr:`body` is.
         """
-        self.pose = _coal_pose(move_about(self.body.shape_pose, self.body.com_o, shift, turn))
+        self.place = move_about(self.body.shape_pose, self.body.com_o, shift, turn)
+        self.pose = _coal_pose(self.place)
 
     def of(self, part: HandPart) -> tuple[float, Array]:
         """Distance [m] and the part's nearest point (3,) in the world."""
@@ -212,6 +225,17 @@ class Distances:
     def locate(self, part: HandPart) -> coal.Transform3s:
         """Where a part is in the world."""
         return _pose(self.data, part.joint, part.placement)
+
+    def find_depth(self, part: HandPart, normal: Array, how: Array, rounds: int) -> tuple[float, Array, Array] | None:
+        """Depth of a part in the object [m], inward normal (3,) and point on the object (3,), by the core, which
+        begins along ``normal`` (3,); ``how``: as of its ``Shape.depth_in``. None: it knows no shape, or finds no way
+        out.
+        """
+        if part.compiled is None or self.compiled is None:
+            return None
+        at = (self.data.oMi[part.joint] * part.placement).homogeneous
+        found = part.compiled.depth_in(at, self.compiled, self.place, normal, how, rounds)
+        return None if found is None else (found[0], np.array(found[1]), np.array(found[2]))
 
     def placed_at(
         self,

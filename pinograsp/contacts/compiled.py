@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 
+from pinograsp import core
 from pinograsp.hands.mesh_file import triangles_of
+from pinograsp.objects.body import Body
+from pinograsp.objects.mesh import Mesh
 from pinograsp.spatial import Array
 
 
@@ -36,6 +39,21 @@ def support_shape(geometry: coal.CollisionGeometry) -> SupportShape:
     if isinstance(geometry, coal.ConvexBase):
         return SupportShape(np.array(geometry.points(), dtype=float).reshape(-1, 3), none)
     return SupportShape(np.zeros((0, 3)), none)
+
+
+def compiled_shape(geometry: coal.CollisionGeometry) -> Any:
+    """The core's shape of coal's geometry, of a mesh its triangles; None of a kind unknown."""
+    try:
+        return core.load().Shape(*support_shape(geometry), corners_of(geometry))
+    except ValueError:
+        return None
+
+
+def compiled_object(body: Body) -> Any:
+    """The core's shape of an object, at its shape's own frame; None of a kind unknown."""
+    if isinstance(body, Mesh) and not body.convex:
+        return body.surface.compiled
+    return compiled_shape(body.collision_geometry)
 
 
 def joints_of(model: pin.Model) -> list[tuple[int, int, Array, Array]]:

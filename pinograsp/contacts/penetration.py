@@ -110,6 +110,9 @@ def deepest_of(
     Raises:
         GeometryFailed: the object cannot be moved off along the normals found.
     """
+    how = np.array([_CLEAR, _FAR, _ALIKE, roughly, deep])
+    if (found := distances.find_depth(part, np.ascontiguousarray(normal, dtype=float), how, _ROUNDS)) is not None:
+        return found
     off, further, turned = _CLEAR + max(deep, 0.0), _CLEAR, math.inf
     mine_at, moved, geometry = distances.locate(part), coal.Transform3s(distances.pose), part.geometry
     # Three numbers at a time are quicker as floats than as arrays.

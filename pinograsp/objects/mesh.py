@@ -251,7 +251,7 @@ class Mesh(Body):
         if self._derived.parts is None:
             vertices = self._derived.vertices_s
             one = ConvexParts((vertices,), 0.0)
-            self._derived.parts = one if self.convex else convex_parts(vertices, self.faces, self._surface)
+            self._derived.parts = one if self.convex else convex_parts(vertices, self.faces, self.surface)
         return self._derived.parts
 
     @property
@@ -262,7 +262,8 @@ class Mesh(Body):
         return self._derived.fills_hull
 
     @property
-    def _surface(self) -> TriangleSurface:
+    def surface(self) -> TriangleSurface:
+        """Its triangles, in the shape's own frame."""
         if self._derived.surface is None:
             self._derived.surface = TriangleSurface(self._derived.vertices_s, self.faces)
         return self._derived.surface
@@ -281,14 +282,14 @@ class Mesh(Body):
         """
         if radius is None:
             if self._derived.fit_radius is None:
-                heights, areas = self._surface.heights, self._surface.areas
+                heights, areas = self.surface.heights, self.surface.areas
                 order = np.argsort(heights)
                 median = np.searchsorted(np.cumsum(areas[order]), areas.sum() / 2)
                 self._derived.fit_radius = float(_FIT_HEIGHTS * heights[order[min(median, len(order) - 1)]])
             radius = self._derived.fit_radius
         radius = number("radius of the curvature fit", radius, above=0, unit="m")
         surface, outward, _ = self._nearest_s(self._local(points_o))
-        curvatures, first = self._surface.curvature(surface, outward, radius)
+        curvatures, first = self.surface.curvature(surface, outward, radius)
         self._refuse(
             np.isnan(curvatures[:, 0]),
             surface,
@@ -297,7 +298,7 @@ class Mesh(Body):
         return curvatures, first @ self.shape_pose[:3, :3].T
 
     def _nearest_s(self, local: Array) -> tuple[Array, Array, Array]:
-        surface, outward, distance, opposite = self._surface.nearest(local)
+        surface, outward, distance, opposite = self.surface.nearest(local)
         self._refuse(
             opposite,
             local,

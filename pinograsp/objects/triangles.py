@@ -60,6 +60,13 @@ class TriangleSurface:
         self._compiled: Any = None  # the core's tree, built when it is asked
         self._boxes: list[tuple[Array, Array]] = []  # the tree without the core
 
+    @property
+    def compiled(self) -> Any:
+        """The core's tree of the triangles."""
+        if self._compiled is None:
+            self._compiled = core.load().Triangles(self.corners[self._solid])
+        return self._compiled
+
     def __getstate__(self) -> dict[str, Any]:
         """Without the core's tree, which is built anew."""
         return {**self.__dict__, "_compiled": None}
@@ -141,9 +148,7 @@ class TriangleSurface:
     def _near(self, points: Array) -> tuple[IntArray, IntArray]:
         """Points, by number in ascending order (p,), and triangles (p,) that may be nearest to them: few each."""
         if core.is_installed():
-            if self._compiled is None:
-                self._compiled = core.load().Triangles(self.corners[self._solid])
-            found = self._compiled.find_near(np.ascontiguousarray(points, dtype=float), 2 * NO_DIRECTION)
+            found = self.compiled.find_near(np.ascontiguousarray(points, dtype=float), 2 * NO_DIRECTION)
             return found.point, self._solid[found.triangle]
         if not self._boxes:
             self._build_tree(self._solid)

@@ -571,6 +571,30 @@ Body surface_of(const Numbers& triangles) {
     return Body(std::move(pieces));
 }
 
+// A convex shape, or a surface of triangles.
+struct SolidShape {
+    Body own;
+
+    SolidShape(Numbers points, Numbers radii, Numbers triangles)
+        : own(points.size() > 0 ? Body(solid_of(points, radii)) : surface_of(triangles)) {
+        need(!own.empty(), "points, triangles");
+    }
+};
+
+// Depth, normal and point of a shape at `at` (4, 4) in an object at `pose`, from a normal (3); `how` (5): as in
+// `DepthSearch`. Nothing where there is no way out along the normals found.
+nb::object depth_of(const SolidShape& part, const Numbers& at, const Body& object, const Numbers& pose,
+                    const Numbers& normal, const Numbers& how, int rounds) {
+    const double* given = finite(how, 5, "how");
+    need(!object.empty() && rounds >= 0 && rounds <= 1000, "object, rounds");
+    const Depth found =
+        find_depth(part.own, frame_of(at), object, frame_of(pose), triple_of(finite(normal, 3, "normal")),
+                   {given[0], given[1], given[2], given[3], given[4], rounds});
+    if (!found.found) return nb::none();
+    const auto& [n, p] = std::tie(found.normal, found.point);
+    return nb::make_tuple(found.depth, nb::make_tuple(n[0], n[1], n[2]), nb::make_tuple(p[0], p[1], p[2]));
+}
+
 // An object that a hand pushes: joints and parts, added one by one.
 struct Push {
     Pushing own;
@@ -1115,6 +1139,18 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
                 return found;
             },
             "points"_a, "slack"_a);
+    nb::class_<SolidShape>(m, "Shape")
+        .def(nb::init<Numbers, Numbers, Numbers>(), "points"_a, "radii"_a, "triangles"_a)
+        .def(
+            "depth_in",
+            [](const SolidShape& part, Numbers at, const SolidShape& object, Numbers pose, Numbers normal, Numbers how,
+               int rounds) { return depth_of(part, at, object.own, pose, normal, how, rounds); },
+            "at"_a, "object"_a, "pose"_a, "normal"_a, "how"_a, "rounds"_a)
+        .def(
+            "depth_in",
+            [](const SolidShape& part, Numbers at, const Triangles& object, Numbers pose, Numbers normal, Numbers how,
+               int rounds) { return depth_of(part, at, object.tree(), pose, normal, how, rounds); },
+            "at"_a, "object"_a, "pose"_a, "normal"_a, "how"_a, "rounds"_a);
     nb::class_<Scene>(m, "Scene")
         .def(nb::init<std::int64_t, Numbers, Numbers>(), "inputs"_a, "root"_a, "object_pose"_a)
         .def("add_joint", &Scene::add_joint, "parent"_a, "input"_a, "frame"_a, "screw"_a, "mass"_a, "moment"_a)

@@ -4,6 +4,7 @@
 #include "core/approach.hpp"
 #include "core/batch.hpp"
 #include "core/closing.hpp"
+#include "core/depth.hpp"
 #include "core/forces.hpp"
 #include "core/grip.hpp"
 #include "core/multipliers.hpp"

@@ -21,6 +21,8 @@ public:
     // Of corners, three each.
     explicit Triangles(std::vector<Triple> corners) : corners_(std::move(corners)), tree_(pieces()) {}
 
+    const Body& tree() const { return tree_; }
+
     // Adds those that are no more than `slack` [m] farther from a point than the nearest one.
     void find_near(const Triple& point, std::int64_t which, double slack, NearTriangles& found) {
         slack_ = slack, least_ = std::numeric_limits<double>::infinity();
