@@ -297,20 +297,22 @@ class Distances:
         Tilted a little about the point, flat bodies touch at one corner of their common area after the other.
         """
         x, y = tangents(normal[None])[0].T
-        corners = [point]
+        corners: list[Array] = []
         pose = np.array(self.body.shape_pose)
         # Askew, since along an edge any of its points is as near; two rounds, the second where the first found corners.
         for i, turn in enumerate(0.3 + np.array([0, 2, 4, 6, 1, 3, 5, 7]) * np.pi / 4):
-            if i == 4 and len(corners) == 1:
+            if i == 4 and len(corners) == 1 and np.linalg.norm(corners[0] - point) <= _PATCH:
                 break
             tilt = pin.exp3(_TILT * (np.cos(turn) * x + np.sin(turn) * y))
             moved = coal.Transform3s(tilt @ pose[:3, :3], point + tilt @ (pose[:3, 3] - point) + 1e-4 * normal)
             _, corner = self.at(part, moved, part.geometry)
             corner = corner - normal * (normal @ (corner - point))
-            if min(np.linalg.norm(corner - other) for other in corners) > _PATCH:
+            if all(np.linalg.norm(corner - other) > _PATCH for other in corners):
                 corners.append(corner)
-        # The point itself lies anywhere on a flat area: its corners describe it.
-        return np.array(corners[1:] if len(corners) > 2 else corners)
+        if len(corners) > 1:  # the point itself lies anywhere on a flat area
+            return np.array(corners)
+        apart = np.linalg.norm(corners[0] - point) > _PATCH
+        return np.array([point, *corners] if apart else [point])
 
 
 def check_geometry(hand: HandModel) -> None:

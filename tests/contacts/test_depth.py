@@ -1,0 +1,65 @@
+"""Depths along common normals: by the compiled core as by coal, and to where the surfaces just touch."""
+
+import secrets
+
+import numpy as np
+import pinocchio as pin
+import trimesh
+
+import pinograsp as pg
+from pinograsp.contacts.clearance import Distances, parts_of
+from pinograsp.contacts.penetration import deepest_of
+from pinograsp.errors import GeometryFailed
+from pinograsp.spatial import pose_of
+
+DEEP = 1e-3  # [m]
+
+
+def beaker():
+    outer, inner = (trimesh.creation.cylinder(radius=r, height=0.06, sections=24) for r in (0.02, 0.017))
+    inner.apply_translation([0, 0, 0.004])
+    solid = trimesh.boolean.difference([outer, inner], engine="manifold")
+    return pg.Mesh(vertices=solid.vertices, faces=solid.faces, mass=0.1)
+
+
+OBJECTS = (
+    pg.Box(size=(0.03, 0.04, 0.05), mass=0.1),
+    pg.Ellipsoid(semi_axes=(0.02, 0.03, 0.04), mass=0.1),
+    beaker(),
+)
+
+
+def test_the_core_finds_the_depths_that_coal_does():
+    seed = secrets.randbelow(10**9)
+    rng = np.random.default_rng(seed)
+    hand = pg.load_hand("allegro_right")
+    parts = [part for part in parts_of(hand) if part.joint]
+    alike = compared = 0
+    for body in OBJECTS * 8:
+        part, way = parts[rng.integers(len(parts))], rng.normal(size=3)
+        way /= np.linalg.norm(way)
+        distances = Distances(hand, body)
+        at = distances.data.oMi[part.joint].translation
+        distances.put_object(body.placed(pose_of(at, pin.exp3(rng.normal(size=3)))))
+        away = 0.2  # clear, and from there nearer until it is a millimetre inside
+        for _ in range(8):
+            distances.move_object(away * way, np.eye(3))
+            away -= distances.of(part)[0]
+        away -= DEEP
+        distances.move_object(away * way, np.eye(3))
+        found = []
+        for compiled in (distances.compiled, None):
+            distances.compiled = compiled
+            try:
+                found.append(deepest_of(distances, part, way))
+            except GeometryFailed:
+                break
+        if len(found) < 2:
+            continue
+        compared += 1
+        alike += abs(found[0][0] - found[1][0]) < 1e-6
+        # Moved off by its depth, the object just touches the part.
+        depth, normal, _ = found[0]
+        distances.move_object(away * way + depth * normal, np.eye(3))
+        assert distances.of(part)[0] > -1e-5, f"seed {seed}"
+    assert compared > 12 and alike >= 0.8 * compared, f"seed {seed}: {alike} of {compared}"
