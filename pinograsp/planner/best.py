@@ -42,6 +42,7 @@ from pinograsp.synthesis.found import SOUND, FoundGrasp
 FAR = 0.02  # slip of a contact while it presses, relative to the object's size
 _OTHER = 0.1  # share by which a force at rest is another one than planned
 _TRIES = 4  # plans that are not firm, or lose misplaced objects, before the best of them is taken
+_MOST_REFUSED = 6  # grasps that keep no reserve, as the search found: the next ones would hardly be planned
 _MOST_FAULTS = 8  # that :func:`_count_faults` counts, and a squeeze that crushes
 _SLOWER = 1.05  # times as long as joints need that would be too fast: forces change a little with the time, too
 _SLOWED, _LONGEST = 3, 10.0  # times that a plan is slowed at most, and times as long as asked for
@@ -113,7 +114,7 @@ def plan_best(
             return _check(plan)[0] if check else plan
         return add_tolerance(plan, tell_tolerance(plan, plan.closure, known=best.tolerance), best.drop)
     near = [GraspTask.of_closure(one.closure, conditions, options) for one in found.near]
-    raise _refusal(refused, near, (*filter(None, [found.size_remark]), *found.unmet))
+    raise _refusal(refused, len(found.grasps), near, (*filter(None, [found.size_remark]), *found.unmet))
 
 
 def plan_each(
@@ -154,12 +155,15 @@ def _rank(
     ]
     bodies = [part for one in grasps for part in (one.closure, one.closure.hand, one.closure.object)]
     waiting: list[_Planned] = []
-    tried = 0
+    tried = failed = 0
     with forked_results(_plan, work, jobs, known=(*bodies, conditions, options)) as results:
         for grasp, one in zip(grasps, results):
             if isinstance(one, NoGrasp):
                 if refused is not None:
                     refused.append((one, GraspTask.of_closure(grasp.closure, conditions, options, progress=progress)))
+                failed += 1
+                if failed >= _MOST_REFUSED and not (grasp.withstands or waiting):
+                    break
                 continue
             if one.plan.status is Status.INTERRUPTED:
                 yield one
@@ -272,8 +276,10 @@ def _take_best(waiting: list[_Planned]) -> _Planned:
     return heapq.heappop(waiting)
 
 
-def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], remarks: tuple[str, ...]) -> NoGrasp:
-    """What came of grasps none of which could be planned: a failure, with what would do, after ``remarks``: the
+def _refusal(
+    refused: list[tuple[NoGrasp, GraspTask]], found: int, near: list[GraspTask], remarks: tuple[str, ...]
+) -> NoGrasp:
+    """What came of the best of ``found`` grasps, none of which could be planned: a failure, with what would do, after ``remarks``: the
     object's size or wishes, where these are in the way.
 
     It is that of the best grasp; or, where one of wider conditions fails under the given ones, too, of that one.
@@ -294,7 +300,8 @@ def _refusal(refused: list[tuple[NoGrasp, GraspTask]], near: list[GraspTask], re
         return told
     proven = sum(isinstance(one, GraspInfeasible) for one, _ in refused)
     how = "proven for each of them" if proven == len(refused) else f"proven for {proven} of them"
-    lead = f"none of the {len(refused)} grasps that were found can be planned ({how}). The nearest one:"
+    which = f"{found} grasps" if found <= len(refused) else f"{len(refused)} best of the {found} grasps"
+    lead = f"none of the {which} that were found can be planned ({how}). The nearest one:"
     if len(refused) == 1:
         lead = "the one grasp that was found cannot be planned:"
     lead = "\n".join([*remarks, lead])
