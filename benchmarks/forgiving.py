@@ -2,7 +2,7 @@
 
     python benchmarks/forgiving.py --seed 7 [--hands NAME ...] [--objects box ...] [--errors 12] [--json out.json]
 
-Hands of the catalogue and the objects of ``grasps.py``, planned as standing on a table (``table=True``). Each plan that
+Hands of the catalogue, or files (with ``--root`` for one of these), and the objects of ``grasps.py``, planned as standing on a table (``table=True``). Each plan that
 is ok is carried out with the object displaced and turned: on a table, where it stands freely, in a random direction of
 its plane and about its normal; fixed until t_F, in any direction; and held by nothing but the hand from the touch on.
 ``soft`` are the simulation's own servos, which forgive while the hand closes and then hold the joints where they are;
@@ -67,12 +67,13 @@ def is_held(plan: pg.GraspPlan, support: str, servo: Servo | None, disturbance: 
         return False
 
 
-def row(name: str, shape: str, errors: int, kinds: list[str], servos: list[str], seed: int) -> dict:
+def row(source: str, root: str | None, shape: str, errors: int, kinds: list[str], servos: list[str], seed: int) -> dict:
     """Of one hand and one object, how many of its errors were forgiven: ``held/tried``."""
     found: dict = dict.fromkeys(("hand", "object", "mass_g", "status", "fingers", "told_mm", "seconds"), "")
+    name = source if source in CATALOGUE else Path(source).stem
     found |= {"hand": name, "object": shape}
     found |= {f"{kind}_{servo}": "" for kind in kinds for servo in servos} | {"why": ""}
-    hand = pg.load_hand(name)
+    hand = pg.load_hand(source, root=root)
     body, conditions = thing(shape, width(hand)), pg.GraspConditions(mu=MU, table=True)
     found["mass_g"], started = f"{1e3 * body.mass:.0f}", time.perf_counter()
     try:
@@ -86,7 +87,7 @@ def row(name: str, shape: str, errors: int, kinds: list[str], servos: list[str],
         return found
     told = plan.with_tolerance().tolerance
     found["told_mm"] = f"{1e3 * told.distance:.1f}"
-    place = list(CATALOGUE).index(name), SHAPES.index(shape)
+    place = [*name.encode(), SHAPES.index(shape)]
     for kind in kinds:
         support, away, turn = KINDS[kind]
         rng = np.random.default_rng([seed, *place, list(KINDS).index(kind)])
@@ -121,7 +122,8 @@ def totals(rows: list[dict], kinds: list[str], servos: list[str]) -> Iterator[di
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--hands", nargs="+", default=list(CATALOGUE), choices=list(CATALOGUE))
+    parser.add_argument("--hands", nargs="+", default=list(CATALOGUE), help="names of the catalogue, or files")
+    parser.add_argument("--root", help="link where the hand begins, of files with an arm")
     parser.add_argument("--objects", nargs="+", default=list(SHAPES), choices=SHAPES)
     parser.add_argument("--errors", type=int, default=12, help="of each kind")
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=list(KINDS))
@@ -132,7 +134,7 @@ def main() -> None:
     options = parser.parse_args()
     pairs = [(hand, shape) for hand in options.hands for shape in options.objects]
     given = options.errors, options.kinds, options.servos, options.seed
-    work = (delayed(row)(hand, shape, *given) for hand, shape in pairs)
+    work = (delayed(row)(hand, options.root, shape, *given) for hand, shape in pairs)
     rows: list[dict] = []
     first = header(
         ("numpy", "pin", "coal", "mujoco-core"), f"{options.errors} errors of a kind", f"seed {options.seed}"

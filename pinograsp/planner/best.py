@@ -279,8 +279,8 @@ def _take_best(waiting: list[_Planned]) -> _Planned:
 def _refusal(
     refused: list[tuple[NoGrasp, GraspTask]], found: int, near: list[GraspTask], remarks: tuple[str, ...]
 ) -> NoGrasp:
-    """What came of the best of ``found`` grasps, none of which could be planned: a failure, with what would do, after ``remarks``: the
-    object's size or wishes, where these are in the way.
+    """What came of the best of ``found`` grasps, none of which could be planned: a failure, with what would do, after
+    ``remarks``: the object's size or wishes, where these are in the way.
 
     It is that of the best grasp; or, where one of wider conditions fails under the given ones, too, of that one.
     """
