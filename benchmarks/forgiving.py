@@ -4,7 +4,8 @@
 
 Hands of the catalogue, or files (with ``--root`` for one of these), and the objects of ``grasps.py``, planned as
 standing on a table (``table=True``). Each plan that is ok is carried out with the object displaced and turned: on a
-table, where it stands freely, in a random direction of its plane and about its normal; fixed until t_F, in any direction; and held by nothing but the hand from the touch on.
+table, where it stands freely, in a random direction of its plane and about its normal; fixed until t_F, in any
+direction; and held by nothing but the hand from the touch on.
 ``soft`` are the simulation's own servos, which forgive while the hand closes and then hold the joints where they are;
 ``stiff`` has the gains that hold from the start. ``none`` of the errors is the plan as it is. ``inside``: errors up to
 the tolerance that the plan tells (the share is uniform), ``twice``: of twice that. Counts of what was held, with 95 %
