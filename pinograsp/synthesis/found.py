@@ -115,13 +115,8 @@ class FoundGrasp:
         """2: withstands the reserve; 1: with doubtful contacts, a squeeze that crushes, or an object that gives way;
         0: does not withstand it.
         """
-        firm = self.doubtful <= DOUBTFUL and self.yielding <= 1.0
+        firm = self.doubtful <= DOUBTFUL and self.displacement <= AWAY and self.tilt <= TILTED
         return int(self.withstands) * (SOUND if firm and not self.crushes else 1)
-
-    @property
-    def yielding(self) -> float:
-        """How far the object gives way to its weight and the reserve's push, of what is firm [-]."""
-        return max(self.displacement / AWAY, self.tilt / TILTED)
 
     @property
     def crushes(self) -> bool:
@@ -146,8 +141,12 @@ class FoundGrasp:
         quite where it is said to be; then by the least squeeze that withstands the reserve; without one, since the
         cheapest balance is a cradle, by what they withstand in the weakest direction per newton.
         """
-        fingers, away = min(self.fingers, self.wanted_fingers), max(self.yielding, 1.0)
-        order = (self.sound, -away, fingers, self._within(_GENTLE), self.room if self.withstands else 0.0)
+        fingers, away, tilt = (
+            min(self.fingers, self.wanted_fingers),
+            max(self.displacement, AWAY),
+            max(self.tilt, TILTED),
+        )
+        order = (self.sound, -away, -tilt, fingers, self._within(_GENTLE), self.room if self.withstands else 0.0)
         return *order, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import pinocchio as pin
 
 from pinograsp.contacts import PALM, Closure, close_hand
 from pinograsp.contacts.advance import PreparedClosing
-from pinograsp.contacts.clearance import Distances, parts_of
+from pinograsp.contacts.clearance import Distances, HandPart
 from pinograsp.errors import PinograspError
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -32,12 +33,14 @@ class NearPoint(NamedTuple):
     joint: int
 
 
-def near_points(hand: HandModel, body: Body, q: Array) -> dict[str, NearPoint]:
-    """The point of each finger at q (n,) that is nearest to ``body``, and of the palm as ``"palm"``."""
+def near_points(hand: HandModel, body: Body, q: Array, parts: Sequence[HandPart]) -> dict[str, NearPoint]:
+    """The point of each finger at q (n,) that is nearest to ``body``, and of the palm as ``"palm"``; ``parts`` of the
+    hand that may be.
+    """
     distances = Distances(hand, body)
     distances.put(q)
     near: dict[str, NearPoint] = {}
-    for part in parts_of(hand):
+    for part in parts:
         if part.finger not in near or distances.rough(part) < near[part.finger].gap:
             gap, point = distances.of(part)
             if part.finger not in near or gap < near[part.finger].gap:
@@ -66,7 +69,7 @@ def centre_on(hand: HandModel, body: Body, opened: Array, closed: Array, prepare
         except PinograspError:  # moved into the object
             break
         touching = {touch.finger for touch in closure.touches}
-        near = near_points(hand, body, closure.q)
+        near = near_points(hand, body, closure.q, prepared.parts_at(hand))
         # The others are too far away to take part.
         pressing = [name for name, one in near.items() if name in fingers and one.gap < 2 * body.bounding_radius]
         if len(pressing) < 2 or touching.issuperset(pressing):

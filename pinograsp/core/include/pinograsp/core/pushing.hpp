@@ -151,6 +151,7 @@ public:
         // Lower bounds: how far off distant parts are is not computed.
         std::vector<double> gaps(pushers.size(), -std::numeric_limits<double>::infinity()), next;
         std::vector<double> trial(q.size());
+        near_.assign(parts.size(), {});
         bool pushed = true;
         for (int turn = 0; turn < settings.most; ++turn) {
             if (pushed && is_jammed(q, there, pushers, gaps, friction, std::max(settings.caged, 2.0 * room))) {
@@ -195,27 +196,29 @@ private:
         }
     }
 
-    Touch look(int which, const Frame& there) const {
+    Touch look(int which, const Frame& there) {
         constexpr double clear = 1e-6;  // [m]
         const PushPart& part = parts[which];
         const Frame frame = part.joint < 0 ? part.frame : placed_[part.joint] * part.frame;
         Frame seen = frame.inverse() * there;
-        Separation gap = nearest(part.body, seen);
+        Separation gap = nearest(which, seen);
         const double distance = gap.distance;
         // Of what overlaps the points are those that are nearest when it has just left.
         if (!(gap.apart > 0.0)) {
             seen.t = seen.t + (clear - distance) * gap.normal;
-            const Separation outside = nearest(part.body, seen);
+            const Separation outside = nearest(which, seen);
             if (outside.apart > 0.0) gap.mine = outside.mine;
         }
         return {distance, frame.act(gap.mine), frame.turn(gap.normal)};
     }
 
-    Separation nearest(const Body& body, const Frame& seen) const {
+    // Begun where they were nearest before.
+    Separation nearest(int which, const Frame& seen) {
+        const Body& body = parts[which].body;
         const Triple between = seen.t - body.bounds().middle;
         const double size = length(between);
         const Triple along = size > 0.0 ? (1.0 / size) * between : Triple{1.0, 0.0, 0.0};
-        return Nearest(body, object, seen, along, std::numeric_limits<double>::max()).gap;
+        return Nearest(body, object, seen, along, std::numeric_limits<double>::max(), true, &near_[which]).gap;
     }
 
     // Moves the object out of the way of the joints at q, as little as possible; false where it cannot yield. `gaps`:
@@ -292,6 +295,7 @@ private:
     }
 
     std::vector<Frame> placed_;
+    std::vector<NearestPieces> near_;
     std::vector<Seven> rows_, scaled_;
     Shares shares_;
 };
