@@ -249,6 +249,24 @@ void check_push() {
     if (!(at >= 0.0)) fail("the way that was gone", at, 0.0);
 }
 
+// A depth is that of a way out, and its point the object's, whatever the numbers are.
+void check_depth() {
+    const int hostile = below(2) == 0 ? 0 : 20;
+    const Body part(solid(hostile, 1)), object(solid(hostile, 1));
+    const Frame at = frame(0.02, hostile), there = frame(0.03, hostile);
+    Triple normal = triple(1.0, hostile);
+    if (hostile == 0) normal = (1.0 / length(normal)) * normal;
+    const DepthSearch how{1e-3, 0.05, 1e-7, below(2) == 0 ? 0.0 : 1e-4, number(0.01, hostile), 20};
+    const Depth found = find_depth(part, at, object, there, normal, how);
+    if (hostile > 0 || !found.found) return;
+    if (std::fabs(length(found.normal) - 1.0) > 1e-9) fail("the normal of a depth", length(found.normal), 1.0);
+    // Moved off by a depth along its normal, the two overlap no more than the direction was still turning.
+    Frame moved = there;
+    moved.t = there.t + (found.depth + 1e-3) * found.normal;
+    const double gap = Nearest(part, object, at.inverse() * moved, found.normal, 1.0).gap.distance;
+    if (!(gap > -0.05)) fail("no way out", gap, found.depth);
+}
+
 }  // namespace
 
 int main(int count, char** arguments) {
@@ -263,6 +281,7 @@ int main(int count, char** arguments) {
         check_scene();
         check_triangles();
         check_shares();
+        check_depth();
         check_push();
     }
     std::printf("touches of %llu inputs hold\n", most);
