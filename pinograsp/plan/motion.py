@@ -16,7 +16,7 @@ class Motion:
 
     Attributes:
         status: ``OK``, ``JOINT_LIMIT``, ``NOT_TRACKED`` or ``EARLY_CONTACT``; ``DOUBTFUL`` if a reserve depends on
-            contacts that a small error changes, or the object is easily pushed away.
+            contacts that a small error changes or that slide far, or the object is easily pushed away.
         notes: position and effort limits met or exceeded, by joint.
         times: (m,) [s].
         impact: the sample at t_I, the last of the approach and the first of the grasp phase.
