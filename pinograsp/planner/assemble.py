@@ -50,7 +50,7 @@ from pinograsp.planner.overshoot import tell_caps
 from pinograsp.spatial import Array
 
 _SLIDES = 1e-4  # [m] across the normal: worth a warning
-_ELSEWHERE = 0.01  # [m] across the normal: of 190 plans that held none slid by more than 7 mm, two that were lost by 19
+_ELSEWHERE = 0.01  # [m] across the normal: contacts of plans that held slid by up to 7 mm, of two that were lost by 19
 _GRAZES = 0.1  # of the largest depth: a link that is less deep presses with less than 3 % of the force there
 _ROUNDING = 1e-3  # forces lie on their limits
 _OTHER = 0.03  # share of a force from which on it is another one
