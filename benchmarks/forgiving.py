@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from grasps import MU, SHAPES, thing, width
+from grasps import MU, SHAPES, name_of, thing, width
 from joblib import Parallel, delayed
 from results import header, table, write_rows
 from scipy.stats import binomtest
@@ -71,7 +71,7 @@ def is_held(plan: pg.GraspPlan, support: str, servo: Servo | None, disturbance: 
 def row(source: str, root: str | None, shape: str, errors: int, kinds: list[str], servos: list[str], seed: int) -> dict:
     """Of one hand and one object, how many of its errors were forgiven: ``held/tried``."""
     found: dict = dict.fromkeys(("hand", "object", "mass_g", "status", "fingers", "told_mm", "seconds"), "")
-    name = source if source in CATALOGUE else Path(source).stem
+    name = name_of(source)
     found |= {"hand": name, "object": shape}
     found |= {f"{kind}_{servo}": "" for kind in kinds for servo in servos} | {"why": ""}
     hand = pg.load_hand(source, root=root)

@@ -132,10 +132,14 @@ def thing(shape: str, w: float) -> pg.objects.body.Body:
     return pg.Box(size=scale * np.array([0.05, 0.05, 0.12]), **how)
 
 
+def name_of(source: str) -> str:
+    """Of a hand of the catalogue, or of a file."""
+    return source if source in CATALOGUE else Path(source).stem
+
+
 def row(source: str, root: str | None, shape: str, samples: int, seed: int) -> dict:
     """What came of one hand and one object."""
-    name = source if source in CATALOGUE else Path(source).stem
-    found: dict = dict.fromkeys(COLUMNS, "") | {"hand": name, "object": shape, "good": False}
+    found: dict = dict.fromkeys(COLUMNS, "") | {"hand": name_of(source), "object": shape, "good": False}
     try:
         return found | _row(pg.load_hand(source, root=root), shape, samples, seed, found)
     except PinograspError as error:

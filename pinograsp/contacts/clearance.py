@@ -163,14 +163,16 @@ class Distances:
     def put_object(self, body: Body) -> None:
         """Move the object to where ``body``, the same solid, is."""
         self.body = body
-        self.place, self.pose = np.array(body.shape_pose), _coal_pose(body.shape_pose)
+        self._place(np.array(body.shape_pose))
 
     def move_object(self, shift: Array, turn: Array) -> None:
         """Take the distances to the object turned by ``turn`` (3, 3) about its centre of mass and moved by ``shift``
         (3,), world's axes, from where :attr:`body` is.
         """
-        self.place = move_about(self.body.shape_pose, self.body.com_o, shift, turn)
-        self.pose = _coal_pose(self.place)
+        self._place(move_about(self.body.shape_pose, self.body.com_o, shift, turn))
+
+    def _place(self, pose: Array) -> None:
+        self.place, self.pose = pose, _coal_pose(pose)
 
     def of(self, part: HandPart) -> tuple[float, Array]:
         """Distance [m] and the part's nearest point (3,) in the world."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,9 +11,8 @@ from scipy.optimize import nnls
 
 from pinograsp import core
 from pinograsp.contacts.clearance import Distances, HandPart
-from pinograsp.contacts.compiled import corners_of, joints_of, support_shape
+from pinograsp.contacts.compiled import compiled_object, joints_of
 from pinograsp.hands import HandModel
-from pinograsp.hands.geometry import solid_of
 from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import Array, cross
 
@@ -31,28 +30,25 @@ _AROUND = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])  # edges of friction
 
 
 class CompiledPush:
-    """The core's pushes of an object by a hand's parts, wherever the two are."""
+    """The core's pushes of an object, of that ``shape``, by a hand's parts, wherever the two are."""
 
-    def __init__(self, hand: HandModel, body: Body, parts: Sequence[HandPart]):
+    def __init__(self, hand: HandModel, body: Body, parts: Sequence[HandPart], shape: Any):
         settings = np.array([_PUSH, CAGED, _ROOM, _LEVERAGE, _FAR, _RATHER_MOVED, _BALANCED])
         self._pose, self._shape_b = np.array(hand.pose), np.array(body.shape_b)
         self._own = core.load().Push(body.bounding_radius, settings, most=_PUSHES, cuts=_CUTS)
         for joint in joints_of(hand.model):
             self._own.add_joint(*joint)
         for part in parts:
-            self._own.add_part(part.joint - 1, part.placement.homogeneous, *support_shape(part.hull))
-        shape = body.collision_geometry
-        self._own.put(*support_shape(solid_of(shape)), corners_of(shape))
+            self._own.add_part(part.joint - 1, part.placement.homogeneous, part.compiled)
+        self._own.put(shape)
 
     @classmethod
     def of(cls, hand: HandModel, body: Body, parts: Sequence[HandPart]) -> CompiledPush | None:
         """None where the core is not installed, or does not know a shape."""
-        if not core.is_installed() or any(part.hull is not part.geometry for part in parts):
+        if not core.is_installed() or any(part.hull is not part.geometry or part.compiled is None for part in parts):
             return None
-        try:
-            return cls(hand, body, parts)
-        except ValueError:
-            return None
+        shape = compiled_object(body)
+        return None if shape is None else cls(hand, body, parts, shape)
 
     def push(self, way: PushWay, hand: HandModel, body: Body, which: Sequence[int], friction: float) -> Pushed:
         """As :func:`push_object`, by the parts ``which``; ``hand``, ``body``: the same ones, where they are now."""

@@ -27,7 +27,6 @@ from pinograsp.hands.linkage import without_levers
 from pinograsp.hands.mesh_file import tells_unit
 from pinograsp.hands.model import Finger, HandModel
 from pinograsp.hands.motors import Actuation, drives_of, motors_at, on_joints, remarks_on, springs_of
-from pinograsp.hands.shapes import choose_shapes
 from pinograsp.hands.sheets import apply_sheet, find_sheet
 from pinograsp.hands.srdf import disabled_collisions, pairs_in
 from pinograsp.hands.tree import find_fingers, joints_before, palms_in, tip_of, with_followed
@@ -221,8 +220,7 @@ def _build_hand(
 ) -> HandModel:
     """The hand without drives: its model, geometry, masses and fingers."""
     model, notes = _build_model(source, prepared), list(prepared.notes)
-    shapes = choose_shapes(model, prepared.shapes, prepared.visuals, notes)
-    geometry, unit = collision_geometry(model, shapes, notes)
+    geometry, unit = collision_geometry(model, prepared.shapes, notes)
     visuals = [
         replace(one, size=tuple(unit * size for size in one.size))
         if one.kind == "mesh" and not tells_unit(one.path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import urllib.parse
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -76,12 +76,11 @@ def read_shapes(robot: yourdfpy.Robot, names: MeshNames, notes: list[str]) -> li
     return shapes
 
 
-def choose_shapes(model: pin.Model, shapes: list[Shape], visuals: list[Shape], notes: list[str]) -> list[Shape]:
-    """The collision shapes; where no link that moves has one, also what is seen of the links without, noted."""
+def choose_shapes(shapes: list[Shape], visuals: list[Shape], moved: Collection[str], notes: list[str]) -> list[Shape]:
+    """The collision shapes; where no link that is ``moved`` has one, also what is seen of the links without, noted."""
     shaped = {shape.link for shape in shapes}
-    moved = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint}
     seen = [shape for shape in visuals if shape.link not in shaped]
-    if shaped & moved or not {shape.link for shape in seen} & moved:
+    if not shaped.isdisjoint(moved) or {shape.link for shape in seen}.isdisjoint(moved):
         return shapes
     notes.append("no link that moves has collision shapes: what is seen of the links stands for them")
     return [*shapes, *seen]

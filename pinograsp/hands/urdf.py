@@ -20,7 +20,7 @@ from pinograsp.hands.coupling import Coupling, Limits, in_order, led_from_the_fr
 from pinograsp.hands.elements import LARGEST, LEAST
 from pinograsp.hands.geometry import Shape
 from pinograsp.hands.rotors import find_rotors
-from pinograsp.hands.shapes import read_shapes, read_visuals
+from pinograsp.hands.shapes import choose_shapes, read_shapes, read_visuals
 from pinograsp.hands.tree import MOVING
 from pinograsp.hands.urdf_masses import find_unweighed, mend_inertias
 from pinograsp.hands.urdf_tree import find_tree_problems, links_below
@@ -74,10 +74,10 @@ class PreparedHand:
 
 
 def prepare_hand(
-    description: RobotDescription, limits: Mapping[str, tuple[float, float]] = MappingProxyType({})
+    description: RobotDescription, given_limits: Mapping[str, tuple[float, float]] = MappingProxyType({})
 ) -> PreparedHand:
-    """Check and complete a description, whose robot is changed; ``limits``: positions [rad or m] for joints whose own
-    limits have no range between them.
+    """Check and complete a description, whose robot is changed; ``given_limits``: positions [rad or m] for joints
+    whose own limits have no range between them.
 
     Raises:
         HandNotLoaded: with all problems found.
@@ -86,23 +86,28 @@ def prepare_hand(
     _check_counts(source, robot)
     problems, notes = list(description.problems), list(description.notes)
     visuals = read_visuals(robot, names)
-    _mend_limits(robot, limits)
+    _mend_limits(robot, given_limits)
     _fix_still_joints(robot, notes)
     broken = find_tree_problems(robot, description.root)
     if not (broken or problems):
         _fix_idle_joints(robot, find_rotors(robot, names), notes)
-    own_limits, joint_problems, continuous = _read_limits(robot, notes)
+    limits, joint_problems, continuous = _read_limits(robot, notes)
     couplings, mimic_problems = _resolve_mimics(robot, description.outside, notes)
-    unweighed, weightless = ([], []) if broken else find_unweighed(robot)
+    shapes, of_shapes = list[Shape](), list[str]()
+    if not broken:
+        moved = set[str]().union(*(links_below(robot, joint.child) for joint in robot.joints if joint.type in MOVING))
+        shapes = choose_shapes(read_shapes(robot, names, of_shapes), visuals, moved, of_shapes)
+    shaped = {shape.link for shape in shapes}
+    unweighed, weightless = ([], []) if broken else find_unweighed(robot, shaped)
     problems += broken + joint_problems + mimic_problems + mend_inertias(robot, notes) + weightless
     if problems:
         raise HandNotLoaded(source, problems)
     followed = {name: one.followed for name, one in couplings.items()}
     order = in_order(robot.joints, couplings)
-    efforts = {name: one.effort for name, one in own_limits.items()}
-    couplings, own_limits = led_from_the_front(order, couplings, narrow_limits(own_limits, couplings, notes), notes)
+    efforts = {name: one.effort for name, one in limits.items()}
+    couplings, limits = led_from_the_front(order, couplings, narrow_limits(limits, couplings, notes), notes)
     joints = [joint.name for joint in robot.joints]
-    without = [name for name in joints if name in own_limits and not own_limits[name].effort]
+    without = [name for name in joints if name in limits and not limits[name].effort]
     if without:
         notes.append(f"no effort limit (none given, or 0): {', '.join(without)}")
     following: dict[str, list[str]] = {}
@@ -116,19 +121,19 @@ def prepare_hand(
     aliases = {f"{place:04d} {name}": name for place, name in enumerate(order)} if couplings else {}
     return PreparedHand(
         name=robot.name or Path(source).stem,
-        text=_write_text(robot, couplings, own_limits, {own: alias for alias, own in aliases.items()}),
+        text=_write_text(robot, couplings, limits, {own: alias for alias, own in aliases.items()}),
         aliases=aliases,
         joints=robot.joints,
         links=[link.name for link in robot.links],
         followed=followed,
-        shapes=read_shapes(robot, names, notes),
+        shapes=shapes,
         visuals=visuals,
         unweighed=unweighed,
         armatures=_carry_over(robot, couplings, description.armatures),
         efforts=efforts,
         # What follows one may have an end.
         continuous=[name for name in continuous if name not in (*couplings, *followed.values())],
-        notes=notes,
+        notes=[*notes, *of_shapes],
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,11 +42,11 @@ def mend_inertias(robot: yourdfpy.Robot, notes: list[str]) -> list[str]:
     return problems
 
 
-def find_unweighed(robot: yourdfpy.Robot) -> tuple[list[str], list[str]]:
+def find_unweighed(robot: yourdfpy.Robot, shaped: Collection[str]) -> tuple[list[str], list[str]]:
     """Joints that move links without any <inertial>, and problems where masses cannot be taken from shapes.
 
-    Links without mass get that of their shapes. In a description that gives the masses of others, links without shapes
-    are massless.
+    Links without mass get that of their shapes; ``shaped``: those that have some. In a description that gives the
+    masses of others, links without shapes are massless.
     """
     links = {link.name: link for link in robot.links}
     fixed: dict[str, list[str]] = {}
@@ -53,8 +54,6 @@ def find_unweighed(robot: yourdfpy.Robot) -> tuple[list[str], list[str]]:
         if joint.type not in MOVING:
             fixed.setdefault(joint.parent, []).append(joint.child)
     moving = [joint for joint in robot.joints if joint.type in MOVING]
-    # Where none has collision shapes, what is seen of the links stands for them.
-    own = any(links[joint.child].collisions for joint in moving)
     followed = {joint.mimic.joint for joint in moving if joint.mimic is not None}
     joints: list[str] = []
     shapeless: list[str] = []
@@ -66,9 +65,7 @@ def find_unweighed(robot: yourdfpy.Robot) -> tuple[list[str], list[str]]:
             continue
         joints.append(joint.name)
         # What a motor turns may have nothing of its own: what follows it has the mass.
-        if joint.name not in followed and not any(
-            links[link].collisions if own else links[link].visuals for link in together
-        ):
+        if joint.name not in followed and not any(links[link].collisions or link in shaped for link in together):
             shapeless.append(joint.child)
     if len(joints) < len(moving):
         return joints, []

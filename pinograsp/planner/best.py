@@ -24,12 +24,13 @@ from pinograsp.errors import (
 )
 from pinograsp.forces import GraspConditions
 from pinograsp.hands import servo_gains
+from pinograsp.motion.holding import TILTED, find_tilt
 from pinograsp.plan.answer import SIMULATED
 from pinograsp.plan.simulation import MOVED
 from pinograsp.plan.tolerance import PoseTolerance
 from pinograsp.planner.as_commanded import measure_turn
 from pinograsp.planner.assemble import pressing_too
-from pinograsp.planner.compliance import instability, is_tilted
+from pinograsp.planner.compliance import instability, stiffness_of
 from pinograsp.planner.drive_cautions import measure_speeds
 from pinograsp.planner.grasp_plan import GraspPlan, add_tolerance
 from pinograsp.planner.options import AS_USUAL, PlanOptions
@@ -332,15 +333,16 @@ def _count_faults(plan: GraspPlan, closure: Closure) -> int:
     """
     slip, solution = np.asarray(plan.motion.slip), plan.solution
     planned, push = plan.forces.normal_forces, 0.0 if plan.reserve is None else plan.reserve.force
-    servos = servo_gains(plan.hand)
+    gains, q = servo_gains(plan.hand), plan.motion.q[-1]
+    held = stiffness_of(plan.hand, solution, q, gains)
     return sum(
         (
             bool(slip.size) and float(slip.max()) > FAR * closure.object.bounding_radius,
             doubtful_share(plan.hand, closure.object, solution.problem.contacts, planned) > 0,
             float(np.abs(plan.motion.settled_forces / planned - 1.0).max()) > _OTHER,
             bool(past_edges(closure.object, solution.problem.contacts, plan.forces.final_depths).any()),
-            bool(pressing_too(plan.hand, solution, plan.motion.q[-1])),
-            bool(instability(plan.hand, solution, plan.motion.q[-1], servos, push)),
-            is_tilted(plan.hand, solution, plan.motion.q[-1], servos),
+            bool(pressing_too(plan.hand, solution, q)),
+            bool(instability(plan.hand, solution, q, gains, push, held)),
+            find_tilt(held, solution.problem.load) > TILTED,
         )
     )

@@ -22,7 +22,7 @@ from pinograsp.forces import ForceSolution, Reserve, SqueezeScenario
 from pinograsp.hands import HandModel, servo_gains
 from pinograsp.hands.efforts import effort_shares
 from pinograsp.hands.servos import find_pressing
-from pinograsp.motion.holding import AWAY, TILTED, compliant_hand, find_tilt, held_stiffness, push_away
+from pinograsp.motion.holding import AWAY, compliant_hand, held_stiffness, push_away
 from pinograsp.motion.torques import soften_servos
 from pinograsp.plan import StiffnessBand
 from pinograsp.spatial import Array
@@ -74,16 +74,18 @@ def stiffness_of(hand: HandModel, solution: ForceSolution, q: Array, gains: Arra
     return held_stiffness(hand, solution.problem, solution.forces_c, q, gains, depth)
 
 
-def is_tilted(hand: HandModel, solution: ForceSolution, q: Array, gains: Array) -> bool:
-    """Whether its weight turns the object far once only the hand holds it, by servos of ``gains`` (n,)."""
-    return bool(find_tilt(stiffness_of(hand, solution, q, gains), solution.problem.load) > TILTED)
-
-
-def instability(hand: HandModel, solution: ForceSolution, q: Array, gains: Array, push: float = 0.0) -> str | None:
+def instability(
+    hand: HandModel,
+    solution: ForceSolution,
+    q: Array,
+    gains: Array,
+    push: float = 0.0,
+    held: ObjectStiffness | None = None,
+) -> str | None:
     """How the object would leave by itself, or how far it would give way to a ``push`` [N], in words; None where
-    servos of ``gains`` (n,) keep it.
+    servos of ``gains`` (n,) keep it. ``held``: as of :func:`stiffness_of`, if it is known.
     """
-    held = stiffness_of(hand, solution, q, gains)
+    held = stiffness_of(hand, solution, q, gains) if held is None else held
     if leaves := tell_leaving(hand, held, gains):
         return leaves
     away = push_away(held, push)

@@ -141,11 +141,8 @@ class FoundGrasp:
         quite where it is said to be; then by the least squeeze that withstands the reserve; without one, since the
         cheapest balance is a cradle, by what they withstand in the weakest direction per newton.
         """
-        fingers, away, tilt = (
-            min(self.fingers, self.wanted_fingers),
-            max(self.displacement, AWAY),
-            max(self.tilt, TILTED),
-        )
+        fingers = min(self.fingers, self.wanted_fingers)
+        away, tilt = max(self.displacement, AWAY), max(self.tilt, TILTED)
         order = (self.sound, -away, -tilt, fingers, self._within(_GENTLE), self.room if self.withstands else 0.0)
         return *order, -self.squeeze if self.reserved else 0.0, self.quality, self.load_factor
 

@@ -615,15 +615,8 @@ struct Push {
         inputs = std::max(inputs, static_cast<std::size_t>(input) + 1);
     }
 
-    void add_part(std::int64_t joint, Numbers frame, Numbers points, Numbers radii) {
-        need(points.size() > 0, "points");
-        own.parts.push_back({joint_of(own.joints, joint), frame_of(frame), Body(solid_of(points, radii))});
-    }
-
-    // The object in a frame at its centre of mass: a convex shape, or a surface.
-    void put(Numbers points, Numbers radii, Numbers triangles) {
-        need(points.size() + triangles.size() > 0, "points, triangles");
-        own.object = triangles.size() > 0 ? surface_of(triangles) : Body(solid_of(points, radii));
+    void add_part(std::int64_t joint, Numbers frame, const SolidShape& shape) {
+        own.parts.push_back({joint_of(own.joints, joint), frame_of(frame), shape.own});
     }
 
     // Where on the way it ends; `q` (n) and `pose` (4, 4) of the object are where it starts and where it ends.
@@ -1071,8 +1064,11 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
     nb::class_<Push>(m, "Push")
         .def(nb::init<double, Numbers, int, int>(), "radius"_a, "settings"_a, nb::kw_only(), "most"_a, "cuts"_a)
         .def("add_joint", &Push::add_joint, "parent"_a, "input"_a, "frame"_a, "screw"_a)
-        .def("add_part", &Push::add_part, "joint"_a, "frame"_a, "points"_a, "radii"_a)
-        .def("put", &Push::put, "points"_a, "radii"_a, "triangles"_a)
+        .def("add_part", &Push::add_part, "joint"_a, "frame"_a, "shape"_a)
+        .def(
+            "put", [](Push& own, const SolidShape& shape) { own.own.object = shape.own; }, "shape"_a)
+        .def(
+            "put", [](Push& own, const Triangles& surface) { own.own.object = surface.tree(); }, "shape"_a)
         .def("push", &Push::push, "q"_a, "rate"_a, "last"_a, "pose"_a, "at"_a, "pushers"_a, "speeds"_a, "friction"_a);
     nb::class_<Touches> touches(m, "Touches");
     const auto numbers = [&touches](const char* name, std::vector<double> Touches::* values) {

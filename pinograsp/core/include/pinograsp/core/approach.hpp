@@ -24,6 +24,14 @@ struct Joint {
     }
 };
 
+// Where the joints are with their inputs at q; `frames`: as many.
+inline void place_joints(const std::vector<Joint>& joints, const double* q, std::vector<Frame>& frames) {
+    for (std::size_t j = 0; j < joints.size(); ++j) {
+        const Frame own = joints[j].at(q[joints[j].input]);
+        frames[j] = joints[j].parent < 0 ? own : frames[joints[j].parent] * own;
+    }
+}
+
 // A convex part of a hand; without points: any shape, which is never told clear.
 struct Part {
     int joint;  // -1: fixed in the world

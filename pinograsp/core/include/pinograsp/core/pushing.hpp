@@ -182,6 +182,8 @@ public:
     }
 
 private:
+    static constexpr Seven last_one{0, 0, 0, 0, 0, 0, 1.0};
+
     // What of a part is nearest to the object, in the world, or how deep inside.
     struct Touch {
         double gap;
@@ -190,10 +192,7 @@ private:
 
     void place(const std::vector<double>& q) {
         placed_.resize(joints.size());
-        for (std::size_t j = 0; j < joints.size(); ++j) {
-            const Frame own = joints[j].at(q[joints[j].input]);
-            placed_[j] = joints[j].parent < 0 ? own : placed_[joints[j].parent] * own;
-        }
+        place_joints(joints, q.data(), placed_);
     }
 
     Touch look(int which, const Frame& there) {
@@ -261,7 +260,7 @@ private:
         for (const Seven& row : rows_) scale = std::max(scale, std::fabs(row[6]));
         scaled_ = rows_;
         for (Seven& row : scaled_) row[6] /= scale;
-        const Seven left = shares_.nearest(scaled_, {0, 0, 0, 0, 0, 0, 1.0});
+        const Seven left = shares_.nearest(scaled_, last_one);
         if (!(dot(left, left) >= 1e-14) || !(left[6] < 0.0)) return false;
         for (int x = 0; x < 3; ++x) shift[x] = -left[x] / left[6] * scale, turn[x] = -left[3 + x] / left[6] * scale;
         return true;
@@ -290,7 +289,7 @@ private:
             }
         }
         if (!others) return false;
-        const Seven left = shares_.nearest(rows_, {0, 0, 0, 0, 0, 0, 1.0});
+        const Seven left = shares_.nearest(rows_, last_one);
         return dot(left, left) < settings.balanced * settings.balanced;
     }
 

@@ -190,11 +190,7 @@ private:
     void put(const double* q, const Frame& root) {
         back_ = root * scene_.root.inverse();
         object_ = back_.inverse() * scene_.object;
-        for (std::size_t j = 0; j < joints_.size(); ++j) {
-            const Joint& joint = scene_.joints[j];
-            const Frame own = joint.at(q[joint.input]);
-            joints_[j] = joint.parent < 0 ? own : joints_[joint.parent] * own;
-        }
+        place_joints(scene_.joints, q, joints_);
         for (std::size_t i = 0; i < parts_.size(); ++i)
             parts_[i] = joint_at(scene_.parts[i].joint) * scene_.parts[i].frame;
     }
