@@ -2,9 +2,12 @@
 
 import secrets
 
+import coal
 import numpy as np
 import pinocchio as pin
+import pytest
 import trimesh
+from scipy.optimize import minimize_scalar
 
 import pinograsp as pg
 from pinograsp.contacts.clearance import Distances, parts_of
@@ -63,3 +66,39 @@ def test_the_core_finds_the_depths_that_coal_does():
         distances.move_object(away * way + depth * normal, np.eye(3))
         assert distances.of(part)[0] > -1e-5, f"seed {seed}"
     assert compared > 12 and alike >= 0.8 * compared, f"seed {seed}: {alike} of {compared}"
+
+
+def test_depths_of_ellipsoids_in_a_cylinder_are_exact():
+    """Along a normal across its axis a cylinder reaches its radius, and an ellipsoid sqrt(n^T A n)."""
+    seed = secrets.randbelow(10**9)
+    rng = np.random.default_rng(seed)
+    hand = pg.load_case("paper").load_hand()
+    cylinder = pg.Cylinder(radius=0.03, height=0.2, mass=0.1)
+    parts = [part for part in parts_of(hand) if isinstance(part.geometry, coal.Ellipsoid)]
+    compared = 0
+    for _ in range(200):
+        part, distances = parts[rng.integers(len(parts))], Distances(hand, cylinder)
+        own, R = distances.data.oMi[part.joint] * part.placement, pin.exp3(rng.normal(size=3))
+        A = own.rotation @ np.diag(np.square(part.geometry.radii)) @ own.rotation.T
+
+        def reach(angle, R=R, A=A):
+            n = R @ (np.cos(angle), np.sin(angle), 0)
+            return n, cylinder.radius + np.sqrt(n @ A @ n)
+
+        turn = rng.uniform(0, 2 * np.pi)
+        way, far = reach(turn)
+        off = (far - rng.uniform(0.1, 3) * DEEP) * way
+        distances.put_object(cylinder.placed(pose_of(own.translation + off, R)))
+        depth, normal, point = deepest_of(distances, part, way)
+        if abs(R[:, 2] @ (point - own.translation)) > 0.4 * cylinder.height:
+            continue
+        compared += 1
+        found = minimize_scalar(
+            lambda angle, reach=reach, off=off: reach(angle)[1] - reach(angle)[0] @ off,
+            bounds=(turn - 0.5, turn + 0.5),
+            options={"xatol": 1e-9},
+            method="bounded",
+        )
+        assert depth == pytest.approx(found.fun, abs=1e-8), f"seed {seed}"
+        assert normal == pytest.approx(reach(found.x)[0], abs=1e-3), f"seed {seed}"
+    assert compared > 100, f"seed {seed}: {compared}"

@@ -303,6 +303,7 @@ private:
         int n = 0;
         for (int i = 0; i < count_; ++i)
             if (members >> i & 1) at[n++] = &corners_[i];
+        if (n == 3) face_longest(at);
         near = *at[0];
         if (n == 1) return true;
         const Triple &first = at[0]->point, a = at[1]->point - first;
@@ -323,13 +324,27 @@ private:
             near.own = near.own + x * (at[1]->own - at[0]->own);
             return x >= 0.0 && x <= 1.0;
         }
+        if (!(aa > 0.0)) return false;
         const Triple b = at[2]->point - first;
-        const double bb = dot(b, b), ab = dot(a, b), bo = -dot(b, first), det = aa * bb - ab * ab;
-        if (!(det > 0.0)) return false;
-        const double x = (bb * ao - ab * bo) / det, y = (aa * bo - ab * ao) / det;
+        const double share = dot(a, b) / aa;
+        const Triple off = b - share * a;
+        const double size = dot(off, off);
+        if (!(size > 0.0)) return false;
+        const double y = -dot(off, first) / size, x = ao / aa - y * share;
         near.point = near.point + x * a + y * b;
         near.own = near.own + x * (at[1]->own - at[0]->own) + y * (at[2]->own - at[0]->own);
         return x >= 0.0 && y >= 0.0 && x + y <= 1.0;
+    }
+
+    // Puts that corner of a triangle first from which its shorter sides go: of round surfaces two corners may be a
+    // hair's breadth apart, and the sides to both from a distant one nearly the same.
+    static void face_longest(const Difference* (&at)[4]) {
+        const Triple a = at[1]->point - at[0]->point, b = at[2]->point - at[0]->point, c = at[2]->point - at[1]->point;
+        const double aa = dot(a, a), bb = dot(b, b), cc = dot(c, c);
+        if (bb > cc && bb >= aa)
+            std::swap(at[0], at[1]);
+        else if (aa > cc)
+            std::swap(at[0], at[2]);
     }
 
     Difference corners_[4];
