@@ -14,7 +14,7 @@ along their normals, without friction, until it is caged between them or until f
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -26,7 +26,6 @@ from pinograsp.contacts.clearance import Distances, HandPart, check_geometry
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
 from pinograsp.contacts.penetration import find_normal
 from pinograsp.contacts.pushing import CAGED, PushWay, push_object
-from pinograsp.contacts.self_collision import SelfCollisions
 from pinograsp.contacts.synergy import open_and_closed
 from pinograsp.errors import InvalidInput
 from pinograsp.hands import HandModel
@@ -109,11 +108,11 @@ def close_hand(
         raise InvalidInput(f"start: expected angles within the joint limits, {', '.join(beyond)} is not")
     if prepared is None:
         prepared = PreparedClosing(hand, body, palm=palm)
-    closing = _Closing(hand, body, opened, closed, prepared, wrap)
+    closing = Closing(hand, body, opened, closed, prepared, wrap)
     closing.approach()
     if not fixed:
         closing.push(friction)
-    return closing.result(prepared.collisions)
+    return closing.result()
 
 
 def _posture(hand: HandModel, name: str, given: Posture | None, default: Array) -> Array:
@@ -128,10 +127,25 @@ def _posture(hand: HandModel, name: str, given: Posture | None, default: Array) 
     return q
 
 
-class _Closing:
-    """The state of a hand that closes: posture, joints that still move, what touches."""
+class Meeting(NamedTuple):
+    """A part that touches: with which gap [m], at which of its points (3,) when it did, and where on the path."""
 
-    def __init__(self, hand: HandModel, body: Body, start: Array, target: Array, prepared: PreparedClosing, wrap: bool):
+    part: HandPart
+    gap: float
+    point: Array
+    at: float
+
+
+class Closing:
+    """The state of a hand that closes: posture, joints that still move, what touches.
+
+    Attributes:
+        met: what touches, in that order.
+    """
+
+    def __init__(
+        self, hand: HandModel, body: Body, start: Array, target: Array, prepared: PreparedClosing, wrap: bool = False
+    ):
         self.hand, self.body, self.start, self.target, self.names = hand, body, start, target, hand.joint_names
         self.prepared, self.parts, self.distances = prepared, prepared.parts_at(hand), Distances(hand, body)
         self.way = Approach(prepared, hand, body)
@@ -148,7 +162,7 @@ class _Closing:
             turns = max(turns, finger.n)
         self.begins, self.rate, self.ends = turn / turns, turns * way, (turn + share) / turns
         self.free = way != 0  # joints that have not been stopped
-        self.touches: list[Touch] = []
+        self.met: list[Meeting] = []
         self.stops: dict[str, str] = {}
         self.events = [(0.0, start.copy())]
         self.given = body
@@ -166,7 +180,7 @@ class _Closing:
     @property
     def touched(self) -> set[str]:
         """Names of the links that touch."""
-        return {touch.link for touch in self.touches}
+        return {one.part.link for one in self.met}
 
     def approach(self) -> None:
         """Follow the path with the object held still."""
@@ -259,28 +273,7 @@ class _Closing:
 
     def touch(self, part: HandPart, gap: float, point: Array) -> None:
         """Note a touch and stop the joints that carry the part."""
-        surface, own = self.distances.surface(point)
-        normal, sharp = find_normal(self.distances, part, point, own)
-        patch = self.distances.patch(part, point, normal)
-        if len(patch) > 1:
-            point = patch.mean(axis=0)
-            surface, _ = self.distances.surface(point)
-        local = self.distances.data.oMi[part.joint].actInv(point)
-        self.touches.append(
-            Touch(
-                finger=part.finger,
-                link=part.link,
-                joint_id=part.joint,
-                at=float(self.at),
-                point_o=read_only(surface),
-                normal_o=read_only(normal),
-                gap=float(gap),
-                point_l=read_only(local),
-                length=float(np.linalg.norm(local)),
-                patch_o=read_only(patch),
-                sharp=sharp,
-            )
-        )
+        self.met.append(Meeting(part, float(gap), point, float(self.at)))
         self.at_touch[part.finger] = self.q.copy()
         for i in np.flatnonzero((part.reach > 0) & self.free):
             self.free[i] = False
@@ -310,7 +303,7 @@ class _Closing:
         found = [(*self.distances.of(part), part) for part in parts]
         if len({part.finger for gap, _, part in found if gap <= CAGED}) < 2:
             return  # nothing to hold it against: it was only pushed away, so it is left where it was first touched
-        self.q, self.at, self.touches, self.body = q, at, [], body
+        self.q, self.at, self.met, self.body = q, at, [], body
         # One jaw may stay a micrometre away while the others cage the object.
         for gap, point, part in sorted(found, key=lambda one: one[0]):
             if gap <= CAGED and part.link not in self.touched:
@@ -319,9 +312,11 @@ class _Closing:
             self.note_end(i)
         self.events.append((at, q.copy()))
 
-    def result(self, collisions: SelfCollisions) -> Closure:
-        """The record; fingers that found nothing to touch are where they started, out of the others' way."""
-        self.events.append((max(self.at, self.events[-1][0]), self.q.copy()))
+    def find_posture(self) -> Array:
+        """Where the hand ends (n,): fingers that found nothing to touch are where they started, out of the others'
+        way.
+        """
+        q, touching = self.q.copy(), {one.part.finger for one in self.met}
         # What went on beyond a finger's last touch without meeting anything goes back to where it was then.
         for finger in self.hand.fingers:
             last = self.at_touch.get(finger.name)
@@ -329,15 +324,22 @@ class _Closing:
                 continue
             for i in finger.dofs.tolist():
                 if not self.stops.get(self.names[i], "").startswith("touch") and i not in self.shared:
-                    self.q[i] = last[i]
-        notes = [f"'{touch.link}' touches, but belongs to no finger" for touch in self.touches if not touch.finger]
-        touching = {touch.finger for touch in self.touches}
+                    q[i] = last[i]
         busy = {int(i) for finger in self.hand.fingers if finger.name in touching for i in finger.dofs}
-        idle = [finger for finger in self.hand.fingers if finger.name not in touching]
-        for finger in idle:
-            away = [i for i in finger.dofs if int(i) not in busy]
-            self.q[away] = self.start[away]
-        if idle:
+        for finger in self.hand.fingers:
+            if finger.name not in touching:
+                away = [i for i in finger.dofs if int(i) not in busy]
+                q[away] = self.start[away]
+        return q
+
+    def result(self) -> Closure:
+        """The record."""
+        self.distances.put(self.q, self.body)  # what touches has been there since it did
+        touches = tuple(map(self._describe, self.met))
+        self.events.append((max(self.at, self.events[-1][0]), self.q.copy()))
+        q, touching = self.find_posture(), {touch.finger for touch in touches}
+        notes = [f"'{touch.link}' touches, but belongs to no finger" for touch in touches if not touch.finger]
+        if idle := [finger for finger in self.hand.fingers if finger.name not in touching]:
             notes.append(f"without contact and therefore left open: {', '.join(finger.name for finger in idle)}")
         pushed = np.eye(4)
         if self.body is not self.given:
@@ -351,16 +353,40 @@ class _Closing:
         return Closure(
             hand=self.hand,
             object=self.body,
-            q=read_only(self.q),
+            q=read_only(q),
             start=read_only(self.start),
             target=read_only(self.target),
-            touches=tuple(self.touches),
+            touches=touches,
             stops=self.stops,
             path=ClosingPath(
                 shares=frozen(np.array([share for share, _ in self.events])),
                 postures=frozen(np.array([posture for _, posture in self.events])),
             ),
-            self_collisions=collisions.between(self.start, self.q),
+            self_collisions=self.prepared.collisions.between(self.start, q),
             pushed=read_only(pushed),
             notes=tuple(notes),
+        )
+
+    def _describe(self, met: Meeting) -> Touch:
+        """Where and how a part touches, at the posture that distances are taken at."""
+        part, point = met.part, met.point
+        surface, own = self.distances.surface(point)
+        normal, sharp = find_normal(self.distances, part, point, own)
+        patch = self.distances.patch(part, point, normal)
+        if len(patch) > 1:
+            point = patch.mean(axis=0)
+            surface, _ = self.distances.surface(point)
+        local = self.distances.data.oMi[part.joint].actInv(point)
+        return Touch(
+            finger=part.finger,
+            link=part.link,
+            joint_id=part.joint,
+            at=met.at,
+            point_o=read_only(surface),
+            normal_o=read_only(normal),
+            gap=met.gap,
+            point_l=read_only(local),
+            length=float(np.linalg.norm(local)),
+            patch_o=read_only(patch),
+            sharp=sharp,
         )

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pinograsp.contacts import PALM, Closure, close_hand
+from pinograsp.contacts import PALM, Closure
 from pinograsp.contacts.advance import PreparedClosing
 from pinograsp.contacts.clearance import Distances, HandPart
+from pinograsp.contacts.closing import Closing
 from pinograsp.errors import PinograspError
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
@@ -33,12 +34,10 @@ class NearPoint(NamedTuple):
     joint: int
 
 
-def near_points(hand: HandModel, body: Body, q: Array, parts: Sequence[HandPart]) -> dict[str, NearPoint]:
-    """The point of each finger at q (n,) that is nearest to ``body``, and of the palm as ``"palm"``; ``parts`` of the
-    hand that may be.
+def near_points(distances: Distances, parts: Sequence[HandPart]) -> dict[str, NearPoint]:
+    """The point of each finger that is nearest to the object, and of the palm as ``"palm"``; ``parts`` of the hand
+    that may be.
     """
-    distances = Distances(hand, body)
-    distances.put(q)
     near: dict[str, NearPoint] = {}
     for part in parts:
         if part.finger not in near or distances.rough(part) < near[part.finger].gap:
@@ -62,22 +61,24 @@ def centre_on(hand: HandModel, body: Body, opened: Array, closed: Array, prepare
     """
     way = closed - opened
     fingers = {one.name for one in hand.fingers} | ({PALM} if len(hand.fingers) == 1 else set())
-    closure = None
+    last: Closing | None = None
+    touching: set[str] = set()
     for _ in range(_CENTRINGS):
+        closing = Closing(hand, body, opened, closed, prepared)
         try:
-            closure = close_hand(hand, body, start=opened, target=closed, fixed=True, prepared=prepared)
+            closing.approach()
         except PinograspError:  # moved into the object
             break
-        touching = {touch.finger for touch in closure.touches}
-        near = near_points(hand, body, closure.q, prepared.parts_at(hand))
+        last, touching = closing, {one.part.finger for one in closing.met}
+        q = closing.find_posture()
+        closing.distances.put(q)
+        near = near_points(closing.distances, closing.parts)
         # The others are too far away to take part.
         pressing = [name for name, one in near.items() if name in fingers and one.gap < 2 * body.bounding_radius]
         if len(pressing) < 2 or touching.issuperset(pressing):
             break
-        hand = hand.placed(_even_out(hand, body, closure.q, way, [near[name] for name in pressing]))
-    if closure is None or len({touch.finger for touch in closure.touches} & fingers) < 2:
-        return None
-    return closure
+        hand = hand.placed(_even_out(hand, body, q, way, [near[name] for name in pressing]))
+    return last.result() if last is not None and len(touching & fingers) > 1 else None
 
 
 def _even_out(hand: HandModel, body: Body, q: Array, way: Array, pressing: list[NearPoint]) -> Array:
