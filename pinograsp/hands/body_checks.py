@@ -16,10 +16,11 @@ from pinograsp.words import few, printable
 # of what lies within. Identified and rounded values of real robots go up to 9.4 times, since shapes are not all of a
 # link; placeholders start at 12 (2,000 links of 170 robots).
 _LARGEST, _LEAST = 10.0, 1e-4
-_AIR, _OSMIUM = 1.2, 23e3  # [kg/m^3]; no link of those robots weighs less than 28
+_AIR, _STEEL, _OSMIUM = 1.2, 7.9e3, 23e3  # [kg/m^3]; no link of those robots weighs less than 28
 _BALL = 4 / 3 * np.pi  # volume of a ball of radius 1
 _SMALLEST = 0.02  # [m] that a link reaches at least: some have a mark for a shape
 _MOST_NAMED = 8
+_TOO_HEAVY = "masses too large for links of that size: are they in grams? URDF's are in kg"
 
 
 def mend_bodies(
@@ -27,17 +28,20 @@ def mend_bodies(
 ) -> None:
     """Replace masses and inertias of ``model`` that cannot be by those of the links' shapes; noted.
 
-    Inertias that only have one moment above the sum of the others stay, and so do masses above those of any metal: both
-    are noted.
+    Inertias that only have one moment above the sum of the others stay, noted.
 
     Args:
         shapes: collision shapes at the model's joints.
         visuals: what is seen of the links; read where collision shapes alone make a link too small for its inertia.
-        weigh: whether a mass that is next to nothing may be taken from shapes.
+        weigh: whether a mass that is next to nothing, or above that of any metal, may be taken from shapes.
     """
     bodies = [_Body(model, shapes, joint) for joint in range(1, model.njoints)]
     whole = max((body.reach for body in bodies), default=0.0)  # bounds links of which nothing is known
-    light, heavy, placeholders, crooked = [], [], [], []
+    for body in bodies:
+        if body.too_heavy(whole):
+            body.see(visuals)
+    wrong = any(body.too_heavy(whole) for body in bodies)
+    light, heavy, weighed, placeholders, crooked = [], [], [], [], []
     for body in bodies:
         mass, moment = body.inertia.mass, body.moments[2]
         own = body.solid if mass < _AIR * body.room and (mass > 0 or weigh) else None
@@ -48,8 +52,15 @@ def mend_bodies(
                 continue
         if body.beyond(whole):
             body.see(visuals)
-        if body.too_heavy(whole):
-            heavy.append(f"{body.link} ({mass:.3g} kg within {1e3 * body.within(whole):.3g} mm)")
+        own = body.solid if wrong else None
+        # Where one of the masses cannot be, the others are not trusted with more than steel's.
+        if body.too_heavy(whole) or (own is not None and mass > _STEEL / DENSITY * own.mass):
+            told = f"{body.link} ({mass:.3g} kg within {1e3 * body.within(whole):.3g} mm)"
+            if weigh and own is not None:
+                weighed.append(told)
+                model.inertias[body.joint] = own
+                continue
+            heavy.append(told)
         if body.too_wide(whole) or (mass > 0 and body.known and moment < _LEAST * mass * body.reach**2):
             placeholders.append(f"{body.link} ({moment:.3g} kg m^2 for {1e3 * mass:.3g} g)")
             model.inertias[body.joint] = _scale(body.solid or _ball(mass), body.inertia)
@@ -57,7 +68,8 @@ def mend_bodies(
             crooked.append(body.link)
     for names, text in (
         (light, f"masses next to nothing{f', taken from the shapes at {DENSITY:g} kg/m^3' if weigh else ''}"),
-        (heavy, "masses too large for links of that size: are they in grams? URDF's are in kg"),
+        (heavy, _TOO_HEAVY),
+        (weighed, f"{_TOO_HEAVY}; taken from the shapes at {DENSITY:g} kg/m^3 instead"),
         (
             placeholders,
             "inertias that links of that mass and size cannot have, taken from the shapes instead (an inertia of "

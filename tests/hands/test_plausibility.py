@@ -110,9 +110,31 @@ def test_a_placeholder_mass_becomes_that_of_the_shape(tmp_path, mass):
         assert notes_on(kept, "masses") and kept.finger_mass("left") == mass
 
 
-def test_grams_and_moments_of_no_solid_are_told_and_kept(tmp_path):
-    heavy = load_hand(write(tmp_path / "grams", inertial(30, 6e-3, 6e-3, 2e-3)))
-    assert "left_link" in notes_on(heavy, "grams")[0] and heavy.finger_mass("left") == 30
+def test_a_mass_above_that_of_any_metal_becomes_that_of_the_shape(tmp_path):
+    given = inertial(30, 6e-3, 6e-3, 2e-3)
+    hand = load_hand(write(tmp_path / "grams", given))
+    (note,) = notes_on(hand, "grams")
+    assert "left_link (30 kg" in note and "taken from the shapes" in note
+    assert hand.finger_mass("left") == pytest.approx(1000 * A * B * C)
+    kept = load_hand(write(tmp_path / "kept", given), masses="file")
+    (note,) = notes_on(kept, "grams")
+    assert "taken from" not in note and kept.finger_mass("left") == 30
+
+
+def test_where_one_mass_cannot_be_no_other_is_above_that_of_steel(tmp_path):
+    """A link of gold is left alone, unless the hand has one that is heavier than any metal."""
+    gold = 15e3 * A * B * C
+    own = inertial(gold, gold * 2e-4, gold * 2e-4, gold * 3e-5)
+    path = write(tmp_path / "gold", own)
+    hand = load_hand(path)
+    assert not notes_on(hand, "grams") and hand.finger_mass("left") == pytest.approx(gold)
+    path.write_text(path.read_text().replace(own, inertial(30, 6e-3, 6e-3, 2e-3), 1))
+    (note,) = notes_on(load_hand(path), "grams")
+    assert "left_link (30 kg" in note and "right_link" in note
+    assert load_hand(path).finger_mass("right") == pytest.approx(1000 * A * B * C)
+
+
+def test_moments_of_no_solid_are_told_and_kept(tmp_path):
     crooked = load_hand(write(tmp_path / "crooked", inertial(M, 1e-6, 1e-6, 1e-5)))
     assert "left_link" in notes_on(crooked, "sum of the others")[0]
     assert crooked.model.inertias[1].inertia == pytest.approx(np.diag([1e-6, 1e-6, 1e-5]))
