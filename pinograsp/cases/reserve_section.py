@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from pinograsp.cases.reading import validate
 from pinograsp.cases.sections import CaseSection, NotNegative, Vector
 from pinograsp.forces import Reserve, Task
 
@@ -52,6 +53,20 @@ def read_reserve(given: object) -> object:
         known = ", ".join(ReserveSection.model_fields)
         raise ValueError(f"expected none, default, or NAME=VALUE,... each once of {known}, got '{given:.60}'")
     return {name.strip(): value.strip() for name, _, value in parts}
+
+
+class _Wish(CaseSection):
+    reserve: Annotated[ReserveSection | None, BeforeValidator(read_reserve)]
+
+
+def make_reserve(text: str) -> Reserve | None:
+    """The reserve that a text means: ``none``, ``default``, or values, as in ``disturbance=0.3,mass=0.1``.
+
+    Raises:
+        CaseRejected: the text means none, with what may stand there.
+    """
+    section = validate(_Wish, {"reserve": text}).reserve
+    return None if section is None else section.make()
 
 
 class TaskSection(CaseSection):

@@ -174,6 +174,13 @@ class WishOptions:
         return {keys.get(name, name): values[name] for name in names if name in values}
 
 
+RESERVE_HELP = (
+    "What to withstand besides the weight: none, default, or values such as disturbance=0.5,mass=0.2. Names: disturbance, "
+    "mass, friction, normal_force, torque, drive (shares), moment_arm \\[m], softer, stiffer (factors on the contacts' "
+    "stiffness)."
+)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerOptions:
     """Who works on many things at once."""

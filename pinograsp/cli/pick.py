@@ -13,7 +13,7 @@ import typer
 
 from pinograsp import defaults
 from pinograsp.cli import completion
-from pinograsp.cli.options import ArmOptions, force_option, new_folder, out_option, read_numbers
+from pinograsp.cli.options import RESERVE_HELP, ArmOptions, force_option, new_folder, out_option, read_numbers
 from pinograsp.cli.plan import SPECS
 from pinograsp.cli.screen import show
 from pinograsp.cli.session import REQUIRED, Session, argument, option
@@ -51,6 +51,7 @@ class PickOptions:
     upright: float | None = _what("How far the object may tilt on the way \\[deg]; default: any tilt.")
     object_speed: float | None = _what("How fast the object may move \\[m/s]; default: as fast as the arm.")
     mu: float = _what("Friction coefficient.", default=defaults.MU)
+    reserve: str | None = _what(RESERVE_HELP, choices=completion.RESERVES)
     seed: int = _what("Random seed.", default=0)
     rate: float = _what("Sampling rate of the trajectory \\[Hz].", default=500.0)
     check: bool = _what("Also simulate the pick.", "--check", default=False)
@@ -100,6 +101,7 @@ def pick(
     in a rectangle, --hand and --link for a hand on another arm, and --posture for
     the arm's start. Needs the extra arm: pip install 'pinograsp\[arm]'
     """
+    from pinograsp.cases.reserve_section import make_reserve
     from pinograsp.forces import GraspConditions
     from pinograsp.objects import object_from
     from pinograsp.pick import PickMotion, plan_pick, save_pick, simulate_pick
@@ -109,12 +111,13 @@ def pick(
     body = body.placed(_read_place("--at", what.at, body, around.table))
     place = None if what.to is None else _read_goal(what.to, body, around.table)
     upright = None if what.upright is None else math.radians(what.upright)
+    conditions = GraspConditions(mu=what.mu, reserve=make_reserve(what.reserve or "default"))
     with new_folder(out, force, f"{Path(what.robot).stem}-{what.object.partition(':')[0]}", Path("picks")) as folder:
         plan = plan_pick(
             robot,
             body,
             scene,
-            GraspConditions(mu=what.mu),
+            conditions,
             place=place,
             motion=PickMotion(lift=what.lift, upright=upright, object_speed=what.object_speed),
             seed=what.seed,

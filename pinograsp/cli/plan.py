@@ -11,7 +11,15 @@ import typer
 from typer.core import TyperCommand
 
 from pinograsp.cli import completion
-from pinograsp.cli.options import ArmOptions, GraspOptions, WishOptions, force_option, new_folder, out_option
+from pinograsp.cli.options import (
+    RESERVE_HELP,
+    ArmOptions,
+    GraspOptions,
+    WishOptions,
+    force_option,
+    new_folder,
+    out_option,
+)
 from pinograsp.cli.screen import RIGHT, columns, command, needs, print_table, show, tell_missing_core
 from pinograsp.cli.session import Session, argument, option
 from pinograsp.errors import GraspInfeasible, InvalidInput, NoGrasp
@@ -79,12 +87,7 @@ class AloneOptions:
     check: bool = _pair(
         "Simulate the grasps that were found, at rest and shaken, and take one that holds.", "--check", default=False
     )
-    reserve: str | None = _pair(
-        "What to withstand besides the weight: none, default, or values such as disturbance=0.5,mass=0.2. "
-        "Names: disturbance, mass, friction, normal_force, torque, drive (shares), moment_arm \\[m], softer, "
-        "stiffer (factors on the contacts' stiffness).",
-        choices=completion.RESERVES,
-    )
+    reserve: str | None = _pair(RESERVE_HELP, choices=completion.RESERVES)
     tasks: list[str] | None = _pair(
         "Task that the grasp must withstand besides the weight: screw:torque=0.5, pour:tilt_deg=60, insert:force=5, "
         "pull:force=5,direction=0 0 1, shake:acceleration=3; repeatable.",

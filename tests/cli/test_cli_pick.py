@@ -31,6 +31,16 @@ def test_a_pick_is_planned_and_written(command, tmp_path):
 
 
 @pytest.mark.slow
+def test_less_reserve_presses_less(command, tmp_path):
+    forces = []
+    for name in ("none", "disturbance=0.1,mass=0.05", "default"):
+        code, _, err = command(*PICK, "--reserve", name, "--out", str(tmp_path / name))
+        assert code == 0, err
+        forces.append(json.loads((tmp_path / name / "pick.json").read_text())["squeeze_N"][0])
+    assert forces == sorted(forces) and forces[0] < 0.9 * forces[2]
+
+
+@pytest.mark.slow
 def test_a_hand_on_another_arm(command, tmp_path):
     arm = file_of("panda").parents[2] / "ur_description/urdf/ur5_robot.urdf"
     posture = (
@@ -64,6 +74,8 @@ def test_what_is_too_heavy_is_refused_with_the_grippers_own_limit(command, tmp_p
         (("--hand", "panda"), "--link"),
         (("--box", "wall=1,2,3"), "--box"),
         (("--to", "1"), "--to"),
+        (("--reserve", "much"), "expected none, default, or NAME=VALUE"),
+        (("--reserve", "mass=2"), "reserve.mass"),
         pytest.param(("--at", "2.5,0"), "out of reach", marks=pytest.mark.slow),
     ],
 )
