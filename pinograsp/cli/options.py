@@ -175,9 +175,9 @@ class WishOptions:
 
 
 RESERVE_HELP = (
-    "What to withstand besides the weight: none, default, or values such as disturbance=0.5,mass=0.2. Names: disturbance, "
-    "mass, friction, normal_force, torque, drive (shares), moment_arm \\[m], softer, stiffer (factors on the contacts' "
-    "stiffness)."
+    "What to withstand besides the weight: none, default, or values such as disturbance=0.5,mass=0.2. Names: "
+    "disturbance, mass, friction, normal_force, torque, drive (shares), moment_arm \\[m], softer, stiffer (factors on "
+    "the contacts' stiffness)."
 )
 
 
