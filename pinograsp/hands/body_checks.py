@@ -50,7 +50,7 @@ def mend_bodies(
             if weigh:
                 model.inertias[body.joint] = own
                 continue
-        if body.beyond(whole):
+        if body.too_wide(whole):
             body.see(visuals)
         own = body.solid if wrong else None
         # Where one of the masses cannot be, the others are not trusted with more than steel's.
@@ -123,10 +123,6 @@ class _Body:
     def within(self, whole: float) -> float:
         """Radius [m] that holds all of it; ``whole``: of the hand's largest link, where no shape of it is known."""
         return self.reach if self.known else max(self.reach, whole)
-
-    def beyond(self, whole: float) -> bool:
-        """Whether inertia or mass are too large for what is known of its size."""
-        return self.too_wide(whole) or self.too_heavy(whole)
 
     def too_wide(self, whole: float) -> bool:
         """Whether its mass would have to be farther out; where nothing has a size, nobody can tell."""
