@@ -6,16 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from pinograsp import defaults
 from pinograsp.cases.changes import CaseChanges
 from pinograsp.cases.object_case import ObjectCase
 from pinograsp.cases.reading import change_values, check_extent, read_changes, read_mapping, validate
-from pinograsp.cases.reserve_section import ReserveSection, read_reserve
+from pinograsp.cases.reserve_section import ReserveOrText
 from pinograsp.cases.sections import (
     LONGEST_NAME,
     NAME,
@@ -71,7 +71,7 @@ class Case(CaseSection):
     forces: ForcesSection = ForcesSection()
     grid: GridSection = GridSection()
     motion: MotionSection = MotionSection()
-    reserve: Annotated[ReserveSection | None, BeforeValidator(read_reserve)] = None
+    reserve: ReserveOrText = None
     assumed: dict[str, str] = Field(default_factory=dict)
     folder: Path = Field(Path("."), exclude=True)
 

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from pinograsp import defaults
 from pinograsp.cases.reading import validate
-from pinograsp.cases.reserve_section import ReserveSection, TaskSection, read_reserve, read_task
+from pinograsp.cases.reserve_section import ReserveOrText, ReserveSection, TaskSection, read_task
 from pinograsp.cases.sections import (
     LONGEST_NAME,
     NAME,
@@ -94,7 +94,7 @@ class ObjectCase(CaseSection):
     measure: Measure = "impulse"
     objective: Objective | dict[Objective, NotNegative] | None = None
     solver: Solver = "auto"
-    reserve: Annotated[ReserveSection | None, BeforeValidator(read_reserve)] = Field(default_factory=ReserveSection)
+    reserve: ReserveOrText = Field(default_factory=ReserveSection)
     torque_limit: Annotated[float, Field(gt=0)] | None = None
     check: bool = False
     schema_: Literal[1] = Field(1, alias="schema", exclude=True)

@@ -55,8 +55,11 @@ def read_reserve(given: object) -> object:
     return {name.strip(): value.strip() for name, _, value in parts}
 
 
+ReserveOrText = Annotated[ReserveSection | None, BeforeValidator(read_reserve)]
+
+
 class _Wish(CaseSection):
-    reserve: Annotated[ReserveSection | None, BeforeValidator(read_reserve)]
+    reserve: ReserveOrText
 
 
 def make_reserve(text: str) -> Reserve | None:

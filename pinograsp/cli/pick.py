@@ -111,7 +111,7 @@ def pick(
     body = body.placed(_read_place("--at", what.at, body, around.table))
     place = None if what.to is None else _read_goal(what.to, body, around.table)
     upright = None if what.upright is None else math.radians(what.upright)
-    conditions = GraspConditions(mu=what.mu, reserve=make_reserve(what.reserve or "default"))
+    conditions = GraspConditions(mu=what.mu, reserve=make_reserve("default" if what.reserve is None else what.reserve))
     with new_folder(out, force, f"{Path(what.robot).stem}-{what.object.partition(':')[0]}", Path("picks")) as folder:
         plan = plan_pick(
             robot,

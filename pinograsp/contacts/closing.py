@@ -182,6 +182,11 @@ class Closing:
         """Names of the links that touch."""
         return {one.part.link for one in self.met}
 
+    @property
+    def touching(self) -> set[str]:
+        """Names of the fingers that touch, "palm" among them, and "" for links of none."""
+        return {one.part.finger for one in self.met}
+
     def approach(self) -> None:
         """Follow the path with the object held still."""
         self.distances.put(self.q)
@@ -316,7 +321,7 @@ class Closing:
         """Where the hand ends (n,): fingers that found nothing to touch are where they started, out of the others'
         way.
         """
-        q, touching = self.q.copy(), {one.part.finger for one in self.met}
+        q, touching = self.q.copy(), self.touching
         # What went on beyond a finger's last touch without meeting anything goes back to where it was then.
         for finger in self.hand.fingers:
             last = self.at_touch.get(finger.name)
@@ -337,7 +342,7 @@ class Closing:
         self.distances.put(self.q, self.body)  # what touches has been there since it did
         touches = tuple(map(self._describe, self.met))
         self.events.append((max(self.at, self.events[-1][0]), self.q.copy()))
-        q, touching = self.find_posture(), {touch.finger for touch in touches}
+        q, touching = self.find_posture(), self.touching
         notes = [f"'{touch.link}' touches, but belongs to no finger" for touch in touches if not touch.finger]
         if idle := [finger for finger in self.hand.fingers if finger.name not in touching]:
             notes.append(f"without contact and therefore left open: {', '.join(finger.name for finger in idle)}")

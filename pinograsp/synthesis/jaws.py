@@ -62,23 +62,21 @@ def centre_on(hand: HandModel, body: Body, opened: Array, closed: Array, prepare
     way = closed - opened
     fingers = {one.name for one in hand.fingers} | ({PALM} if len(hand.fingers) == 1 else set())
     last: Closing | None = None
-    touching: set[str] = set()
     for _ in range(_CENTRINGS):
-        closing = Closing(hand, body, opened, closed, prepared)
         try:
+            closing = Closing(hand, body, opened, closed, prepared)
             closing.approach()
         except PinograspError:  # moved into the object
             break
-        last, touching = closing, {one.part.finger for one in closing.met}
-        q = closing.find_posture()
+        last, q = closing, closing.find_posture()
         closing.distances.put(q)
         near = near_points(closing.distances, closing.parts)
         # The others are too far away to take part.
         pressing = [name for name, one in near.items() if name in fingers and one.gap < 2 * body.bounding_radius]
-        if len(pressing) < 2 or touching.issuperset(pressing):
+        if len(pressing) < 2 or closing.touching.issuperset(pressing):
             break
         hand = hand.placed(_even_out(hand, body, q, way, [near[name] for name in pressing]))
-    return last.result() if last is not None and len(touching & fingers) > 1 else None
+    return last.result() if last is not None and len(last.touching & fingers) > 1 else None
 
 
 def _even_out(hand: HandModel, body: Body, q: Array, way: Array, pressing: list[NearPoint]) -> Array:

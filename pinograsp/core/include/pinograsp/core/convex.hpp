@@ -336,8 +336,8 @@ private:
         return x >= 0.0 && y >= 0.0 && x + y <= 1.0;
     }
 
-    // Puts that corner of a triangle first from which its shorter sides go: of round surfaces two corners may be a
-    // hair's breadth apart, and the sides to both from a distant one nearly the same.
+    // Puts that corner of a triangle first from which its shorter sides go: of round surfaces two corners may be so
+    // near each other that the sides to both from a distant one are nearly the same.
     static void face_longest(const Difference* (&at)[4]) {
         const Triple a = at[1]->point - at[0]->point, b = at[2]->point - at[0]->point, c = at[2]->point - at[1]->point;
         const double aa = dot(a, a), bb = dot(b, b), cc = dot(c, c);
