@@ -84,7 +84,7 @@ def test_the_answer_comes_first(run, simulated):
         "What does it withstand?",
         "How hard?",
         "How much energy?",
-        "Which margin?",
+        "How much margin?",
         "Simulated?",
         "Where is the hand?",
     ]
@@ -94,7 +94,7 @@ def test_the_answer_comes_first(run, simulated):
     assert "none: planned for the load alone" in bears
     millijoules = f"{1e3 * run.forces.work:.2f} mJ by Eq. (9), rho + 1 = 2.5 times the contacts' "
     assert f"{millijoules}{format_number(1e3 * run.forces.work / 2.5)} mJ" in told["How much energy?"]
-    assert "proven" in told["How much energy?"] and f"{run.margins.load_factor:.3g} times" in told["Which margin?"]
+    assert "proven" in told["How much energy?"] and f"{run.margins.load_factor:.3g} times" in told["How much margin?"]
     assert "pinograsp check" in told["Simulated?"]
     assert "Lost: it fell" in answers(run, simulated["lost"])["Simulated?"]
     for changed, expected in (

@@ -52,7 +52,7 @@ def answer_questions(plan: PlanRecord, simulation: Simulation | None = None) -> 
             "How hard?", f"{total:.2f} N of normal force in total: {each}; at most {plan.peak_efforts()} at a joint."
         ),
         Finding("How much energy?", f"{energy}."),
-        Finding("Which margin?", _sentence(margin)),
+        Finding("How much margin?", _sentence(margin)),
     ]
     if simulation is None:
         answers.append(Finding("Simulated?", describe_trial(plan) or "Not yet: run pinograsp check."))
@@ -109,7 +109,7 @@ def _tolerance(plan: PlanRecord) -> list[Finding]:
         f"{format_number(1e3 * found.asked_distance, 2)} mm and {format_number(math.degrees(found.asked_angle), 2)} deg"
     )
     text = f"It is held {found.describe()}; of {found.count} errors of {asked} it keeps {100 * found.kept:.0f} %."
-    return [Finding("How exactly must the object be there?", text, "caution" if found.is_small else "yes")]
+    return [Finding("How precisely must the object be placed?", text, "caution" if found.is_small else "yes")]
 
 
 def list_details(plan: PlanRecord) -> list[tuple[str, str]]:
