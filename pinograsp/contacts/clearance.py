@@ -1,4 +1,4 @@
-"""Where a hand's collision geometry is, and how far from an object or from itself (distances by coal)."""
+"""Where a hand's collision geometry is, and how far from an object or from itself (distances by the core, or coal)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pinograsp.errors import GeometryFailed, InvalidInput
 from pinograsp.hands import HandModel
 from pinograsp.hands.geometry import solid_of
 from pinograsp.objects.body import Body, tangents
-from pinograsp.spatial import FARTHEST, Array, BoolArray, move_about
+from pinograsp.spatial import FARTHEST, Array, BoolArray, move_about, pose_of
 
 PALM = "palm"
 _FAR = 1e3  # [m] farther off than any part of a hand
@@ -66,6 +66,13 @@ class HandPart:
     def compiled(self) -> Any:
         """The core's shape of it; None where the core is not installed, or knows none."""
         return compiled_shape(self.geometry) if core.is_installed() else None
+
+    @cached_property
+    def compiled_hull(self) -> Any:
+        """The core's shape of its convex hull; None likewise."""
+        if self.hull is self.geometry:
+            return self.compiled
+        return compiled_shape(self.hull) if core.is_installed() else None
 
     @property
     def reach(self) -> Array:
@@ -127,6 +134,16 @@ class Gap(NamedTuple):
     parted: bool
 
 
+class _Clear(NamedTuple):
+    """A part that is clear of the object: the distance [m], its nearest point (3,) in the world, and the unit direction
+    (3,) from there to the object.
+    """
+
+    distance: float
+    point: Array
+    normal: Array
+
+
 class Distances:
     """Signed distances of the hand's geometry to an object at a posture."""
 
@@ -152,6 +169,13 @@ class Distances:
         """The core's shape of the object; None where the core is not installed, or knows none."""
         return compiled_object(self.body) if core.is_installed() else None
 
+    @cached_property
+    def compiled_hull(self) -> Any:
+        """The core's shape of the object's convex hull; None likewise."""
+        if self.hull is self.shape:
+            return self.compiled
+        return compiled_shape(self.hull) if core.is_installed() else None
+
     def put(self, q: Array, body: Body | None = None, *, rate: Array | None = None) -> None:
         """Move the hand to the posture q (n,), at joint rates (n,) where velocities are asked for; with ``body``, the
         object to where that, the same solid, is.
@@ -176,15 +200,37 @@ class Distances:
 
     def of(self, part: HandPart) -> tuple[float, Array]:
         """Distance [m] and the part's nearest point (3,) in the world."""
+        if (clear := self._find_clear(part, part.compiled, self.compiled)) is not None:
+            return clear.distance, clear.point
         least = -np.inf if part.hull is part.geometry else self.rough(part) - _OFF
         return self.at(part, self.pose, part.geometry, least)
 
     def rough(self, part: HandPart) -> float:
         """Distance of the part's convex hull [m]: quick, and not more than the part's own."""
+        if (clear := self._find_clear(part, part.compiled_hull, self.compiled)) is not None:
+            return clear.distance
         return self.at(part, self.pose, part.hull)[0]
+
+    def _find_clear(self, part: HandPart, shape: Any, other: Any, place: Array | None = None) -> _Clear | None:
+        """By the core, the distance of a part's ``shape`` from the object's, ``other``, at ``place`` (4, 4) or where it
+        is; None where they overlap, or it does not know one of them.
+        """
+        if shape is None or other is None:
+            return None
+        at = (self.data.oMi[part.joint] * part.placement).homogeneous
+        found = shape.gap_to(at, other, self.place if place is None else place)
+        return None if found is None else _Clear(found[0], np.array(found[1]), np.array(found[2]))
 
     def bound(self, part: HandPart) -> Gap:
         """As :meth:`of`; where the convex hulls are clear of each other, their distance and no point."""
+        convex = part.hull is part.geometry and self.hull is self.shape
+        if self.compiled is not None and part.compiled is not None:
+            if not convex:
+                clear = self._find_clear(part, part.compiled_hull, self.compiled_hull)
+                if clear is not None and clear.distance > _CLEAR:
+                    return Gap(clear.distance, None, clear.normal, True)
+            if (clear := self._find_clear(part, part.compiled, self.compiled)) is not None:
+                return Gap(*clear, convex)
         if self.hull is not self.shape:
             gap = self.measure(part.hull, self.locate(part), self.hull, self.pose)
             if _CLEAR < gap < _FAILED:  # where coal fails the shape itself is asked
@@ -196,7 +242,6 @@ class Distances:
                 return Gap(gap, None, np.array(self.result.normal), self.hull is self.shape)
             least = gap - _OFF
         gap, point = self.at(part, self.pose, part.geometry, least)
-        convex = part.hull is part.geometry and self.hull is self.shape
         return Gap(gap, point, np.array(self.result.normal), convex and gap > 0.0)
 
     def measure(
@@ -306,8 +351,9 @@ class Distances:
             if i == 4 and len(corners) == 1 and np.linalg.norm(corners[0] - point) <= _PATCH:
                 break
             tilt = pin.exp3(_TILT * (np.cos(turn) * x + np.sin(turn) * y))
-            moved = coal.Transform3s(tilt @ pose[:3, :3], point + tilt @ (pose[:3, 3] - point) + 1e-4 * normal)
-            _, corner = self.at(part, moved, part.geometry)
+            moved = pose_of(point + tilt @ (pose[:3, 3] - point) + 1e-4 * normal, tilt @ pose[:3, :3])
+            clear = self._find_clear(part, part.compiled, self.compiled, moved)
+            corner = self.at(part, _coal_pose(moved), part.geometry)[1] if clear is None else clear.point
             corner = corner - normal * (normal @ (corner - point))
             if all(np.linalg.norm(corner - other) > _PATCH for other in corners):
                 corners.append(corner)

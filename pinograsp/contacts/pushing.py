@@ -122,8 +122,8 @@ def _is_jammed(distances: Distances, parts: Sequence[HandPart], gaps: Array, fri
     """
     pressing = []
     for part, gap in zip(parts, gaps):
-        if gap <= near and (found := distances.of(part))[0] <= near:
-            pressing.append((part.finger, found[1], np.array(distances.result.normal)))
+        if gap <= near and (found := distances.bound(part)).distance <= near and found.point is not None:
+            pressing.append((part.finger, found.point, found.normal))
     if len({finger for finger, _, _ in pressing}) < 2:
         return False
     # Forces act along lines of least distance: that of a jaw's face from an edge is the face's normal.

@@ -374,10 +374,15 @@ class _Least:
         if known is None:
             return found
         joints = np.flatnonzero(np.isfinite(known)).tolist()
-        for joint in joints[:]:
-            others = tuple(one for one in joints if one != joint)
+        blocks = [joints[:]]
+        while blocks:  # left out half by half: mostly one or two of many are in the way
+            block = blocks.pop()
+            others = tuple(one for one in joints if one not in block)
             if others and does(found.factor, others):
-                joints.remove(joint)
+                joints = list(others)
+            elif len(block) > 1:
+                half = len(block) // 2
+                blocks += [block[half:], block[:half]]
         digits = 2 - math.floor(math.log10(found.factor))
         return replace(found, joints=tuple(joints), factor=math.ceil(found.factor * 10**digits) / 10**digits)
 

@@ -17,6 +17,7 @@ _MOST_PAIRS = 1_000_000  # of a point and a box or triangle held at once; beyond
 # Two nearest points within NO_DIRECTION of being equally near, seen at more than 135 degrees from each other, are on
 # opposite sides: a thin wall, an axis. Below that they are neighbours across an edge, and either will do.
 _OPPOSITE = -np.sqrt(0.5)
+_ROUNDING = 1e-12  # [m] of triangles whose distances differ by less the first is the nearest one
 # Height over longest edge below which a triangle's normal is rounding.
 _NEEDLE = 1e-10
 _LONGEST = 0.4  # edge of the pieces that a curvature is fitted to, of the fit's radius
@@ -29,10 +30,10 @@ class TriangleSurface:
     """A closed surface of triangles wound outwards, prepared for queries: vertices (n, 3) [m], faces (m, 3).
 
     Nearest points come from a binary tree of axis-aligned boxes: the core's, or one that all points descend together.
-    The sign is that of
-    the angle-weighted normal of the nearest face, edge or corner (J. A. Baerentzen and H. Aanaes, Signed Distance
-    Computation Using the Angle Weighted Pseudonormal, IEEE Trans. Vis. Comput. Graph. 11(3), 2005), which is exact for
-    closed surfaces that do not cross themselves; at triangles too flat to have a normal the winding number decides.
+    The sign is that of the angle-weighted normal of the nearest face, edge or corner (J. A. Baerentzen and H. Aanaes,
+    Signed Distance Computation Using the Angle Weighted Pseudonormal, IEEE Trans. Vis. Comput. Graph. 11(3), 2005),
+    which is exact for closed surfaces that do not cross themselves; at triangles too flat to have a normal the winding
+    number decides.
     """
 
     def __init__(self, vertices: Array, faces: IntArray):
@@ -135,21 +136,25 @@ class TriangleSurface:
         k = len(points)
         if k == 0:
             return np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros(0, dtype=bool)
+        if core.is_installed():
+            surface, found = np.empty((k, 3)), np.empty((k, 3), dtype=np.int64)
+            self.compiled.find_nearest(np.ascontiguousarray(points, dtype=float), NO_DIRECTION, surface, found)
+            return self._solid[found[:, 0]], found[:, 1], surface, found[:, 2] > 0
         point, face = self._near(points)
         surface, feature = _nearest_on(points[point], self.corners[face])
         offset = surface - points[point]
         squared = (offset**2).sum(axis=1)
         first = np.searchsorted(point, np.arange(k))
-        best = np.lexsort((face, squared, point))[first]
+        least = np.sqrt(np.minimum.reduceat(squared, first)) + _ROUNDING
+        best = np.lexsort((face, squared > (least**2)[point], point))[first]
         turned = (offset * offset[best][point]).sum(axis=1) < _OPPOSITE * np.sqrt(squared * squared[best][point])
         turned &= (squared <= _widen(squared[best])[point]) & (squared > NO_DIRECTION**2)
         return face[best], feature[best], surface[best], np.logical_or.reduceat(turned, first)
 
     def _near(self, points: Array) -> tuple[IntArray, IntArray]:
-        """Points, by number in ascending order (p,), and triangles (p,) that may be nearest to them: few each."""
-        if core.is_installed():
-            found = self.compiled.find_near(np.ascontiguousarray(points, dtype=float), 2 * NO_DIRECTION)
-            return found.point, self._solid[found.triangle]
+        """Points, by number in ascending order (p,), and triangles (p,) that may be nearest to them: few each, without
+        the core.
+        """
         if not self._boxes:
             self._build_tree(self._solid)
         k, count = len(points), len(self._leaves)

@@ -39,7 +39,7 @@ from pinograsp.synthesis.samples import (
     SearchCase,
     make_search_case,
 )
-from pinograsp.synthesis.search_run import BATCH, SearchRun, plain_error, rank
+from pinograsp.synthesis.search_run import BATCH, SearchRun, plain_error, rank, with_bodies
 from pinograsp.synthesis.setting import REFUSED, Setting, Surroundings
 from pinograsp.synthesis.wishes import NO_WISHES, WishCheck, Wishes
 
@@ -270,9 +270,9 @@ def find_grasps(
         except KeyboardInterrupt:
             run.interrupted, near, unmet = True, (), ()
     run.bar.close()
-    near = tuple(_with_bodies(hand, body, one) for one in near)
+    near = tuple(with_bodies(hand, body, one) for one in near)
     return GraspSearch(
-        grasps=tuple(_with_bodies(hand, body, one) for one in rank(run.found)),
+        grasps=tuple(with_bodies(hand, body, one) for one in rank(run.found)),
         tried=sum(run.outcomes.values()),
         outcomes=run.outcomes,
         opening=opening,
@@ -308,7 +308,7 @@ def _find_unmet(
         other = make_search_case(case.hand, case.body, conditions, case.impact_time, wrap, rng, fewer, case.setting)
         found = [grasp for grasp in run.other_round(other, seed, interrupt, _FEW) if grasp.withstands]
         if found:
-            lines.append(_say_unmet(case, names, [_with_bodies(case.hand, case.body, grasp) for grasp in found]))
+            lines.append(_say_unmet(case, names, [with_bodies(case.hand, case.body, grasp) for grasp in found]))
     return tuple(lines)
 
 
@@ -344,13 +344,6 @@ def _remarks(hand: HandModel) -> tuple[str, ...]:
     if limp := [joint for joint in hand.passive_joints if joint in fingers and joint not in sprung]:
         remarks.append(f"No motor moves the finger joints {', '.join(limp)}: drives= gives them some")
     return tuple(remarks)
-
-
-def _with_bodies(hand: HandModel, body: Body, grasp: FoundGrasp) -> FoundGrasp:
-    """A grasp as it came from another process, with its hand and object."""
-    closure = replace(grasp.closure, hand=hand.placed(grasp.pose), object=body)
-    forces = replace(grasp.forces, problem=replace(grasp.forces.problem, object=body))
-    return replace(grasp, closure=closure, forces=forces)
 
 
 def _check(hand: HandModel, body: Body, conditions: GraspConditions, impact_time: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -10,19 +11,30 @@ import numpy as np
 from tqdm import tqdm
 
 from pinograsp.errors import InvalidInput, PinograspError
+from pinograsp.forces import GraspConditions
+from pinograsp.hands import HandModel
+from pinograsp.objects.body import Body
 from pinograsp.processes import forked_results
-from pinograsp.synthesis.found import FoundGrasp
+from pinograsp.synthesis.found import FoundGrasp, hold
 from pinograsp.synthesis.near import wider_conditions
 from pinograsp.synthesis.samples import Batch, SearchCase, make_batch
 from pinograsp.synthesis.setting import REFUSED
 
 _NEAR = 2  # grasps of wider conditions that are kept
+_AGAIN = 4  # of the grasps found that are held again under wider conditions
 BATCH = 4  # samples, of which the best is refined
 
 
 def rank(found: list[FoundGrasp]) -> list[FoundGrasp]:
     """Best first."""
     return sorted(found, key=lambda one: one.worth, reverse=True)
+
+
+def with_bodies(hand: HandModel, body: Body, grasp: FoundGrasp) -> FoundGrasp:
+    """A grasp as it came from another process, with its hand and object."""
+    closure = replace(grasp.closure, hand=hand.placed(grasp.pose), object=body)
+    forces = replace(grasp.forces, problem=replace(grasp.forces.problem, object=body))
+    return replace(grasp, closure=closure, forces=forces)
 
 
 class SearchRun:
@@ -79,14 +91,30 @@ class SearchRun:
                 interrupt()
 
     def near(self, seed: np.random.SeedSequence, interrupt: Callable[[], None]) -> tuple[FoundGrasp, ...]:
-        """The best grasps of wider conditions, for what is in the way of the given ones: the first round again
-        without the limits of forces and torques, then with more friction as well.
+        """The best grasps of wider conditions, for what is in the way of the given ones: without the limits of forces
+        and torques, then with more friction as well. The best of those found, or, where none of them would do, of the
+        first round again.
         """
-        for conditions in wider_conditions(self.case.conditions):
-            found = self.other_round(replace(self.case, conditions=conditions), seed, interrupt)
+        wider = list(wider_conditions(self.case.conditions))
+        ways = [self._hold_again, lambda conditions: self.other_round(self._under(conditions), seed, interrupt)]
+        for find, conditions in itertools.product(ways, wider):
+            found = find(conditions)
             if any(one.withstands for one in found):
                 return tuple(rank(found)[:_NEAR])
         return ()
+
+    def _under(self, conditions: GraspConditions) -> SearchCase:
+        return replace(self.case, conditions=conditions)
+
+    def _hold_again(self, conditions: GraspConditions) -> list[FoundGrasp]:
+        """The best of the grasps found under other conditions."""
+        case, found = self.case, list[FoundGrasp]()
+        for one in rank(self.found)[:_AGAIN]:
+            closure = with_bodies(case.hand, case.body, one).closure
+            _, again = hold(closure, conditions, impact_time=case.impact_time, wanted_fingers=one.wanted_fingers)
+            if again is not None:
+                found.append(replace(again, room=one.room, look_o=one.look_o))
+        return found
 
 
 def _try(case: SearchCase, seed: np.random.SeedSequence, size: int) -> Batch | Exception:

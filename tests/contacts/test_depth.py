@@ -32,6 +32,35 @@ OBJECTS = (
 )
 
 
+def test_the_core_finds_the_distances_that_coal_does():
+    seed = secrets.randbelow(10**9)
+    rng = np.random.default_rng(seed)
+    clear = 0
+    for name in ("allegro_right", "talos_left"):
+        hand = pg.load_hand(name)
+        parts = [part for part in parts_of(hand) if part.joint]
+        for body in OBJECTS * 8:
+            part, distances = parts[rng.integers(len(parts))], Distances(hand, body)
+            middle = distances.data.oMi[part.joint].act(part.centre)
+            way = rng.normal(size=3)
+            off = (part.radius + body.bounding_radius) * rng.uniform(0.5, 1.5) * way / np.linalg.norm(way)
+            distances.put_object(body.placed(pose_of(middle + off, pin.exp3(rng.normal(size=3)))))
+            found, gap = distances.of(part), distances.bound(part)
+            distances.compiled = distances.compiled_hull = None
+            coal_gap = distances.bound(part)
+            distance, _ = distances.of(part)
+            if distance <= 0.0:
+                continue
+            clear += 1
+            assert found[0] == pytest.approx(distance, abs=1e-7), seed
+            surface, _, _ = distances.body.project(found[1][None])
+            assert np.linalg.norm(surface[0] - found[1]) == pytest.approx(distance, abs=1e-6), seed
+            assert (gap.parted, gap.point is None) == (coal_gap.parted, coal_gap.point is None), seed
+            assert gap.distance == pytest.approx(coal_gap.distance, abs=1e-7), seed
+            assert np.linalg.norm(gap.normal - coal_gap.normal) < 1e-2, seed
+    assert clear > 20, seed
+
+
 def test_the_core_finds_the_depths_that_coal_does():
     seed = secrets.randbelow(10**9)
     rng = np.random.default_rng(seed)

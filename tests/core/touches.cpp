@@ -172,7 +172,7 @@ void check_scene() {
         if (!std::isfinite(one)) fail("a Jacobian that is not finite", one, 0.0);
 }
 
-// No triangle is nearer to a point than all those that are found, whatever the numbers are.
+// No triangle is nearer to a point than the one that is found, whatever the numbers are.
 void check_triangles() {
     const int hostile = below(3) > 0 ? 0 : 20, count = below(40);
     std::vector<Triple> corners;
@@ -180,14 +180,11 @@ void check_triangles() {
         corners.push_back(i > 0 && below(4) == 0 ? corners[below(i)] : triple(below(2) == 0 ? 0.1 : 0.01, hostile));
     Triangles triangles(corners);
     const Triple point = count > 0 && below(4) == 0 ? corners[below(3 * count)] : triple(0.2, hostile);
-    NearTriangles found;
-    triangles.find_near(point, 7, 2e-9, found);
-    if (found.point.size() != found.triangle.size() || found.triangle.size() > static_cast<std::size_t>(count))
-        fail("triangles that are found", static_cast<double>(found.triangle.size()), count);
-    for (std::int64_t one : found.triangle)
-        if (one < 0 || one >= count) fail("no such triangle", static_cast<double>(one), count);
+    const NearestTriangle found = triangles.find_nearest(point, 1e-9);
+    if (found.triangle < -1 || found.triangle >= count || found.foot.feature < 0 || found.foot.feature > 6)
+        fail("no such triangle", static_cast<double>(found.triangle), count);
     if (hostile > 0 || count == 0) return;
-    if (found.triangle.empty()) fail("nothing is near", 0.0, count);
+    if (found.triangle < 0) fail("nothing is near", 0.0, count);
     const auto distance = [&](std::int64_t i) {  // by another method, from above
         double least = std::numeric_limits<double>::infinity();
         for (int a = 0; a <= 60; ++a)
@@ -199,13 +196,15 @@ void check_triangles() {
         return least;
     };
     // Half of a side of the mesh of points more than it is.
-    double nearest = std::numeric_limits<double>::infinity(), longest = 0.0;
-    for (std::int64_t one : found.triangle) nearest = std::min(nearest, distance(one));
+    const double nearest = distance(found.triangle), told = length(found.foot.at - point);
+    double longest = 0.0;
+    if (std::fabs(told - std::sqrt(found.foot.squared)) > 1e-12) fail("another distance", told, found.foot.squared);
     for (std::size_t i = 0; i < corners.size(); ++i)
         longest = std::max(longest, length(corners[i] - corners[i % 3 == 2 ? i - 2 : i + 1]));
     for (int i = 0; i < count; ++i)
-        if (const double other = distance(i); other + 1e-9 < nearest - longest / 60.0)
-            fail("a nearer triangle", other, nearest);
+        if (const double other = distance(i); other + 1e-9 < nearest - longest / 60.0 || other + 1e-12 < told)
+            fail("a nearer triangle", other, told);
+    if (told < nearest - longest / 60.0 - 1e-12) fail("a point of no triangle", told, nearest);
 }
 
 // No multiples are nearer: what is left is across what is taken, and no vector points away from it.

@@ -51,7 +51,7 @@ def test_references_are_as_far_ahead_as_the_servos_need(plan):
     torques = motion.holding_torques - inverse_dynamics(hand, last, 0 * last, 0 * last)[0]
     efforts = KP * hand.transmission @ (squeezing - last[0])
     # Joints at the end of their range rest on it; all others have what their motors make.
-    free = np.abs(last[0] - hand.lower) > 1e-3 * (hand.upper - hand.lower)
+    free = np.minimum(last[0] - hand.lower, hand.upper - last[0]) > 1e-3 * (hand.upper - hand.lower)
     made = hand.transmission.T @ efforts
     assert made[free] == pytest.approx(torques[free], abs=0.05 * np.abs(torques).max())
     # Hard contacts stop the links where they touch.

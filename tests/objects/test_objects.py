@@ -414,7 +414,7 @@ def test_nearest_points_are_the_same_without_the_core(name, monkeypatch):
     compiled = surface.nearest(points)
     monkeypatch.setattr(core, "is_installed", lambda: False)
     for found, expected in zip(surface.nearest(points), compiled):
-        assert np.array_equal(found, expected)
+        assert found == pytest.approx(expected, abs=1e-9)
 
 
 def test_many_points_at_once_are_the_same_as_few(monkeypatch):

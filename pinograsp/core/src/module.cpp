@@ -22,6 +22,7 @@ namespace {
 using Numbers = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
 using Wrench = nb::ndarray<const double, nb::shape<6>, nb::c_contig, nb::device::cpu>;
 using Written = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
+using WrittenIndices = nb::ndarray<std::int64_t, nb::c_contig, nb::device::cpu>;
 using Flags = nb::ndarray<bool, nb::c_contig, nb::device::cpu>;
 using Indices = nb::ndarray<const std::int64_t, nb::c_contig, nb::device::cpu>;
 using View = nb::ndarray<nb::numpy, double>;
@@ -595,6 +596,21 @@ nb::object depth_of(const SolidShape& part, const Numbers& at, const Body& objec
     return nb::make_tuple(found.depth, nb::make_tuple(n[0], n[1], n[2]), nb::make_tuple(p[0], p[1], p[2]));
 }
 
+// How far a shape at `at` (4, 4) is from an object at `pose`, its own nearest point and the direction from there to the
+// object's. Nothing where they overlap.
+nb::object gap_of(const SolidShape& part, const Numbers& at, const Body& object, const Numbers& pose) {
+    need(!object.empty(), "object");
+    const Frame placed = frame_of(at), there = placed.inverse() * frame_of(pose);
+    const Triple between = there.act(object.bounds().middle) - part.own.bounds().middle;
+    const double size = length(between);
+    const Triple along = size > 0.0 ? (1.0 / size) * between : Triple{1.0, 0.0, 0.0};
+    const Separation gap = Nearest(part.own, object, there, along, std::numeric_limits<double>::max(), false).gap;
+    if (!(gap.apart > 0.0) || !(gap.distance > 0.0)) return nb::none();
+    const Triple mine = placed.act(gap.mine), normal = placed.turn(gap.normal);
+    return nb::make_tuple(gap.distance, nb::make_tuple(mine[0], mine[1], mine[2]),
+                          nb::make_tuple(normal[0], normal[1], normal[2]));
+}
+
 // An object that a hand pushes: joints and parts, added one by one.
 struct Push {
     Pushing own;
@@ -1114,9 +1130,6 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
             },
             nb::kw_only(), "arms"_a, "gains"_a, "joints"_a, "object"_a, "stiffness"_a, "loads"_a, "bounds"_a, "steps"_a,
             "step"_a, "loaded"_a, "mass"_a, "mu"_a, "torsion"_a);
-    nb::class_<NearTriangles>(m, "NearTriangles")
-        .def_prop_ro("point", [](nb::handle self) { return view(nb::cast<NearTriangles&>(self).point, self); })
-        .def_prop_ro("triangle", [](nb::handle self) { return view(nb::cast<NearTriangles&>(self).triangle, self); });
     nb::class_<Triangles>(m, "Triangles")
         .def(
             "__init__",
@@ -1126,15 +1139,23 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
             },
             "corners"_a)
         .def(
-            "find_near",
-            [](Triangles& own, Numbers points, double slack) {
-                need_number(slack, false, "slack");
-                NearTriangles found;
-                std::int64_t which = 0;
-                for (const Triple& point : triples_of(points, "points")) own.find_near(point, which++, slack, found);
-                return found;
+            "find_nearest",
+            // Of k points, into `surface` (k, 3) the nearest ones, and into `found` (k, 3) their triangles, features
+            // and whether others are as near on the opposite side.
+            [](Triangles& own, Numbers points, double alike, Written surface, WrittenIndices found) {
+                need_number(alike, false, "alike");
+                const std::vector<Triple> all = triples_of(points, "points");
+                need(surface.size() == 3 * all.size() && found.size() == 3 * all.size(), "surface, found");
+                need(!own.tree().empty(), "triangles");
+                for (std::size_t i = 0; i < all.size(); ++i) {
+                    const NearestTriangle one = own.find_nearest(all[i], alike);
+                    need(one.triangle >= 0, "points");
+                    std::copy(one.foot.at.begin(), one.foot.at.end(), surface.data() + 3 * i);
+                    found.data()[3 * i] = one.triangle;
+                    found.data()[3 * i + 1] = one.foot.feature, found.data()[3 * i + 2] = one.opposite;
+                }
             },
-            "points"_a, "slack"_a);
+            "points"_a, "alike"_a, "surface"_a, "found"_a);
     nb::class_<SolidShape>(m, "Shape")
         .def(nb::init<Numbers, Numbers, Numbers>(), "points"_a, "radii"_a, "triangles"_a)
         .def(
@@ -1146,7 +1167,19 @@ NB_MODULE(PINOGRASP_CORE_MODULE, m) {
             "depth_in",
             [](const SolidShape& part, Numbers at, const Triangles& object, Numbers pose, Numbers normal, Numbers how,
                int rounds) { return depth_of(part, at, object.tree(), pose, normal, how, rounds); },
-            "at"_a, "object"_a, "pose"_a, "normal"_a, "how"_a, "rounds"_a);
+            "at"_a, "object"_a, "pose"_a, "normal"_a, "how"_a, "rounds"_a)
+        .def(
+            "gap_to",
+            [](const SolidShape& part, Numbers at, const SolidShape& object, Numbers pose) {
+                return gap_of(part, at, object.own, pose);
+            },
+            "at"_a, "object"_a, "pose"_a)
+        .def(
+            "gap_to",
+            [](const SolidShape& part, Numbers at, const Triangles& object, Numbers pose) {
+                return gap_of(part, at, object.tree(), pose);
+            },
+            "at"_a, "object"_a, "pose"_a);
     nb::class_<Scene>(m, "Scene")
         .def(nb::init<std::int64_t, Numbers, Numbers>(), "inputs"_a, "root"_a, "object_pose"_a)
         .def("add_joint", &Scene::add_joint, "parent"_a, "input"_a, "frame"_a, "screw"_a, "mass"_a, "moment"_a)

@@ -137,11 +137,13 @@ def search_reserve(
     narrow = _NARROW * (late - early)
     if cost(late) < np.inf and cost(late) <= cost(late - 0.99 * narrow):
         return replace(tried[late], tried=len(tried), elapsed=time.perf_counter() - started)
+    if cost(late) == np.inf:  # what all impact times allow together is asked first, which may save all others
+        none = program.solve(early, Restrictions(bounds=widest_range(program.kept)), proven=True)
+        if none.status is not Status.OK:
+            return replace(none, tried=len(tried), elapsed=time.perf_counter() - started)
     first = np.linspace(early, late, 4).tolist() if late > early else [early]
     if min([cost(t) for t in first]) == np.inf:
-        none = program.solve(early, Restrictions(bounds=widest_range(program.kept)), proven=True)
-        if none.status is Status.OK:
-            none = replace(tried[early], status=Status.INACCURATE)
+        none = replace(tried[early], status=Status.INACCURATE)
         return replace(none, tried=len(tried), elapsed=time.perf_counter() - started)
     while len(tried) < _MOST_TRIED:
         times = sorted(tried)
