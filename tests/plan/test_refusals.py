@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import secrets
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from marks import slow_except
 from own_hands import joint, link, robot
@@ -14,6 +16,7 @@ from pinograsp.errors import GraspInfeasible, NoGrasp, SearchFailed, Status
 from pinograsp.forces import GraspConditions, Reserve
 from pinograsp.planner import plan_best, plan_grasp_on
 from pinograsp.synthesis import find_grasps
+from pinograsp.synthesis.found import hold
 
 NUMBER = r"([0-9.]+(?:e[-+]?\d+)?)"
 PAD = "box 0.03 0.01 0.08"
@@ -95,6 +98,20 @@ def test_a_search_names_what_keeps_all_of_its_samples_from_holding(held):
     enough = replace(conditions, torque_limit=float(figure[1]))
     again = find_grasps(hand, bar, enough, **search)
     assert plan_best(again, enough, progress=False).status.exit_code == 0
+
+
+def test_grasps_that_are_found_without_the_reserve_tell_what_they_need(held):
+    """These very grasps keep it with the figure that is told."""
+    hand, bar, conditions = held(effort=2.0)
+    found = find_grasps(hand, bar, conditions, count=8, seed=secrets.randbelow(10**6), jobs=1, progress=False)
+    assert found.grasps and not any(grasp.withstands for grasp in found.grasps)
+    known = [grasp.pose for grasp in found.grasps]
+    assert found.near and all(any(np.array_equal(one.pose, pose) for pose in known) for one in found.near)
+    (figure,) = re.findall(rf"effort limit[^:\n]*: at least {NUMBER} N, given 2.00 N", found.explain())
+    closure = found.near[0].closure
+    for effort, keeps in ((1.01 * float(figure), True), (0.95 * float(figure), False)):
+        _, grasp = hold(closure, replace(conditions, torque_limit=effort))
+        assert grasp is not None and grasp.withstands is keeps
 
 
 @pytest.mark.slow
