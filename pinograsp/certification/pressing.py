@@ -197,4 +197,6 @@ def _torques(
         multiples = np.where(np.abs(alone) > 1e-12, np.maximum(room, 0.0) / np.abs(alone), np.inf).min(axis=1)
         pressed = plain.local[..., -1].max(axis=1)
         multiples = np.minimum(multiples, np.where(pressed > 0, setup.holding.cap / pressed, np.inf))
-    return tau, effort, np.where(plain.found, multiples * setup.holding.size, 0.0)
+    largest = np.full(len(rows), np.inf)  # of what weighs nothing, too
+    np.multiply(multiples, setup.holding.size, out=largest, where=np.isfinite(multiples))
+    return tau, effort, np.where(plain.found, largest, 0.0)

@@ -174,6 +174,7 @@ def test_a_protocol_has_servos_of_its_own(path):
     protocol = replace(PROTOCOLS["dexgraspnet"], pulls=np.zeros((1, 3)))
     found = told(path, drives(limit=0.1), protocol)
     assert found.pressed.max(axis=1) == pytest.approx(AHEAD / (1 / 1000.0 + 1 / protocol.stiffness), rel=0.02)
+    assert found.largest_load[0] == np.inf  # nothing weighs on it, and no torque is in the way
 
 
 def test_lenient_protocols_tell_what_others_refuse(path):
