@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import secrets
 from dataclasses import replace
 
 import numpy as np
@@ -137,12 +138,17 @@ def test_what_has_no_registers_is_refused(plan, tmp_path):
 
 @pytest.mark.slow
 def test_more_than_a_drive_holds_for_long_and_less_than_its_backlash_are_cautions():
-    hand, body = pg.load_hand("panda", drives="franka_hand"), pg.Box(size=(0.04, 0.04, 0.06), mass=2.5)
-    heavy = plan_best(
-        pg.find_grasps(hand, body, pg.GraspConditions(mu=0.3), count=4, seed=1), pg.GraspConditions(mu=0.3)
-    )
-    force = heavy.forces.normal_forces.sum() / 2
-    assert any("continuous effort" in caution for caution in heavy.cautions) == (force > 70)
+    hand, body = pg.load_hand("panda", drives="franka_hand"), pg.Box(size=(0.04, 0.04, 0.06), mass=1.5)
+    conditions, force, seed = pg.GraspConditions(mu=0.3), 70.0, secrets.randbelow(10**6)
+    for share in (None, 0.9, 1.1):  # of the force of each jaw
+        drives = hand.drives if share is None else [replace(one, continuous=share * force) for one in hand.drives]
+        found = pg.find_grasps(hand.with_drives(drives), body, conditions, count=4, seed=seed)
+        heavy = plan_best(found, conditions)
+        asked = heavy.forces.normal_forces.sum() / 2
+        continuous = drives[0].continuous
+        assert any("continuous effort" in caution for caution in heavy.cautions) == (asked > continuous), seed
+        force = asked if share is None else force
+        assert asked == pytest.approx(force, rel=0.02), seed
     drive = pg.load_hand("so101").drives[0]
     loose = pg.load_hand("so101").with_drives([replace(drive, backlash=1.0)])
     grasps = pg.find_grasps(loose, pg.Sphere(radius=0.02, mass=0.05), CONDITIONS, count=4, seed=1)
