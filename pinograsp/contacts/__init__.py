@@ -4,8 +4,6 @@ from pinograsp.contacts.clearance import (
     PALM,
     check_geometry,
     clearance,
-    fingertips,
-    link_centre,
 )
 from pinograsp.contacts.closing import close_hand
 from pinograsp.contacts.closure import ClosingPath, Closure, Touch
@@ -19,6 +17,7 @@ from pinograsp.contacts.penetration import touching
 from pinograsp.contacts.penetration_profile import PenetrationProfile
 from pinograsp.contacts.posture import PostureContacts, contacts_of
 from pinograsp.contacts.synergy import open_and_closed
+from pinograsp.contacts.tips import fingertips, link_centre
 from pinograsp.plan.parts import FrictionModel
 
 __all__ = [

@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pinograsp import core
-from pinograsp.checks import array_of, instance_of, integer
+from pinograsp.checks import array_of, instance_of
 from pinograsp.contacts.compiled import compiled_object, compiled_shape
 from pinograsp.contacts.contact_set import ContactSet
 from pinograsp.errors import GeometryFailed, InvalidInput
@@ -25,7 +25,6 @@ from pinograsp.objects.body import Body, tangents
 from pinograsp.spatial import FARTHEST, Array, BoolArray, move_about, pose_of
 
 PALM = "palm"
-_FAR = 1e3  # [m] farther off than any part of a hand
 _FAILED = 10 * FARTHEST  # [m] no hand is as far from its object: coal failed
 _OFF = 1e-4  # [m] largest error of coal's depth of an overlap
 _CLEAR = 1e-4  # [m] where the hull is farther off than this, the part's own distance is not needed
@@ -202,6 +201,9 @@ class Distances:
         """Distance [m] and the part's nearest point (3,) in the world."""
         if (clear := self._find_clear(part, part.compiled, self.compiled)) is not None:
             return clear.distance, clear.point
+        return self._by_coal(part)
+
+    def _by_coal(self, part: HandPart) -> tuple[float, Array]:
         least = -np.inf if part.hull is part.geometry else self.rough(part) - _OFF
         return self.at(part, self.pose, part.geometry, least)
 
@@ -224,25 +226,21 @@ class Distances:
     def bound(self, part: HandPart) -> Gap:
         """As :meth:`of`; where the convex hulls are clear of each other, their distance and no point."""
         convex = part.hull is part.geometry and self.hull is self.shape
-        if self.compiled is not None and part.compiled is not None:
-            if not convex:
-                clear = self._find_clear(part, part.compiled_hull, self.compiled_hull)
-                if clear is not None and clear.distance > _CLEAR:
-                    return Gap(clear.distance, None, clear.normal, True)
-            if (clear := self._find_clear(part, part.compiled, self.compiled)) is not None:
-                return Gap(*clear, convex)
-        if self.hull is not self.shape:
-            gap = self.measure(part.hull, self.locate(part), self.hull, self.pose)
+        if not convex:
+            gap, normal = self._between_hulls(part)
             if _CLEAR < gap < _FAILED:  # where coal fails the shape itself is asked
-                return Gap(gap, None, np.array(self.result.normal), True)
-        least = -np.inf
-        if part.hull is not part.geometry:
-            gap = self.rough(part)
-            if gap > _CLEAR:
-                return Gap(gap, None, np.array(self.result.normal), self.hull is self.shape)
-            least = gap - _OFF
-        gap, point = self.at(part, self.pose, part.geometry, least)
+                return Gap(gap, None, normal, True)
+        if (clear := self._find_clear(part, part.compiled, self.compiled)) is not None:
+            return Gap(*clear, convex)
+        gap, point = self._by_coal(part)
         return Gap(gap, point, np.array(self.result.normal), convex and gap > 0.0)
+
+    def _between_hulls(self, part: HandPart) -> tuple[float, Array]:
+        """Distance of the convex hulls of a part and the object [m], and its direction (3,)."""
+        if (clear := self._find_clear(part, part.compiled_hull, self.compiled_hull)) is not None:
+            return clear.distance, clear.normal
+        gap = self.measure(part.hull, self.locate(part), self.hull, self.pose)
+        return gap, np.array(self.result.normal)
 
     def measure(
         self,
@@ -271,7 +269,7 @@ class Distances:
 
     def locate(self, part: HandPart) -> coal.Transform3s:
         """Where a part is in the world."""
-        return _pose(self.data, part.joint, part.placement)
+        return locate_for_coal(self.data, part.joint, part.placement)
 
     def find_depth(self, part: HandPart, normal: Array, how: Array, rounds: int) -> tuple[float, Array, Array] | None:
         """Depth of a part in the object [m], inward normal (3,) and point on the object (3,), by the core, which
@@ -385,71 +383,10 @@ def _coal_pose(pose: Array) -> coal.Transform3s:
     return coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
 
 
-def _pose(data: pin.Data, joint: int, placement: pin.SE3) -> coal.Transform3s:
-    """Where something placed on a joint is in the world, for coal."""
+def locate_for_coal(data: pin.Data, joint: int, placement: pin.SE3) -> coal.Transform3s:
+    """Where something placed on a joint is in the world, as coal takes it."""
     placed = data.oMi[joint] * placement
     return coal.Transform3s(placed.rotation, placed.translation)
-
-
-def link_centre(hand: HandModel, data: pin.Data, joint: int) -> Array:
-    """Return the centre of the geometry that a joint carries (3,) in the world [m]; its origin if it carries none."""
-    instance_of("hand", hand, HandModel)
-    instance_of("data", data, pin.Data)
-    joint = integer("joint", joint, at_least=0, at_most=hand.model.njoints - 1)
-    own = [one for one in hand.geometry.geometryObjects if one.parentJoint == joint]
-    for one in own:
-        one.geometry.computeLocalAABB()
-    centres = [data.oMi[joint].act(one.placement.act(np.array(one.geometry.aabb_center))) for one in own]
-    return np.array(centres).mean(axis=0) if centres else np.array(data.oMi[joint].translation)
-
-
-def fingertips(hand: HandModel, data: pin.Data) -> Array:
-    """Return where the fingers press: centres of their last links (f, 3) in the world [m].
-
-    A single finger presses with its end against the palm. For it: its end, and the point of the palm nearest to where
-    that end can reach (2, 3).
-
-    Raises:
-        InvalidInput: not a hand, or data of another model.
-    """
-    instance_of("hand", hand, HandModel)
-    if len(instance_of("data", data, pin.Data).oMi) != hand.model.njoints:
-        raise InvalidInput(
-            f"data: expected those of the hand's model ({hand.model.njoints - 1} joints), got {len(data.oMi) - 1} "
-            "joints: make them by hand.model.createData()"
-        )
-    last = [finger.joint_ids[-1] for finger in hand.fingers]
-    if len(last) > 1:
-        return np.array([link_centre(hand, data, joint) for joint in last])
-    other, found = hand.model.createData(), []
-    for q in (np.array(hand.lower), np.array(hand.upper)):
-        pin.forwardKinematics(hand.model, other, np.clip(q, -np.pi, np.pi))
-        found.append(_nearest(hand, other, 0, _end(hand, other, last[0])))
-    return np.array([_end(hand, data, last[0]), min(found, key=lambda one: one[0])[1]])
-
-
-def _end(hand: HandModel, data: pin.Data, joint: int) -> Array:
-    """The point (3,) that a joint's geometry reaches farthest, in the direction of its centre."""
-    origin = data.oMi[joint].translation
-    out = link_centre(hand, data, joint) - origin
-    far = origin + _FAR * out / max(float(np.linalg.norm(out)), 1e-9)
-    return _nearest(hand, data, joint, far)[1]
-
-
-def _nearest(hand: HandModel, data: pin.Data, joint: int, point: Array) -> tuple[float, Array]:
-    """Distance [m] of the geometry that a joint carries from a point (3,), and its nearest point (3,).
-
-    Where the joint carries none: infinity, and the joint's origin.
-    """
-    found = [(np.inf, np.array(data.oMi[joint].translation))]
-    at, request, result = coal.Transform3s(np.eye(3), point), coal.DistanceRequest(), coal.DistanceResult()
-    for one in hand.geometry.geometryObjects:
-        if one.parentJoint == joint:
-            result.clear()
-            pose = _pose(data, joint, one.placement)
-            distance = coal.distance(one.geometry, pose, coal.Sphere(1e-6), at, request, result)
-            found.append((distance, np.array(result.getNearestPoint1())))
-    return min(found, key=lambda one: one[0])
 
 
 def clearance(hand: HandModel, body: Body, q: ArrayLike) -> float:
@@ -481,7 +418,7 @@ def behind_hulls(hand: HandModel, contacts: ContactSet) -> Array:
         for one, own in zip(hand.geometry.geometryObjects, hand.own_shapes):
             if one.parentJoint == joint:
                 result.clear()
-                pose = _pose(data, joint, one.placement)
+                pose = locate_for_coal(data, joint, one.placement)
                 distances.append(coal.distance(own, pose, _POINT, point, request, result))
         gaps[i] = max(0.0, min(distances, default=0.0))
     return gaps

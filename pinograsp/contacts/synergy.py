@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from pinograsp.checks import instance_of
-from pinograsp.contacts.clearance import Distances, HandPart, link_centre
+from pinograsp.contacts.clearance import Distances, HandPart
+from pinograsp.contacts.tips import link_centre
 from pinograsp.hands import HandModel
 from pinograsp.objects.body import Body
 from pinograsp.spatial import Array, skew

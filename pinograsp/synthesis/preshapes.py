@@ -17,8 +17,8 @@ from scipy.optimize import nnls
 
 from pinograsp.checks import brief
 from pinograsp.contacts import fingertips
-from pinograsp.contacts.clearance import link_centre
 from pinograsp.contacts.self_collision import SelfCollisions
+from pinograsp.contacts.tips import link_centre
 from pinograsp.hands import Finger, HandModel
 from pinograsp.hands.geometry import hull_points
 from pinograsp.objects.body import tangents

@@ -96,15 +96,15 @@ class SearchRun:
         first round again.
         """
         wider = list(wider_conditions(self.case.conditions))
-        ways = [self._hold_again, lambda conditions: self.other_round(self._under(conditions), seed, interrupt)]
-        for find, conditions in itertools.product(ways, wider):
+
+        def search_again(conditions: GraspConditions) -> list[FoundGrasp]:
+            return self.other_round(replace(self.case, conditions=conditions), seed, interrupt)
+
+        for find, conditions in itertools.product((self._hold_again, search_again), wider):
             found = find(conditions)
             if any(one.withstands for one in found):
                 return tuple(rank(found)[:_NEAR])
         return ()
-
-    def _under(self, conditions: GraspConditions) -> SearchCase:
-        return replace(self.case, conditions=conditions)
 
     def _hold_again(self, conditions: GraspConditions) -> list[FoundGrasp]:
         """The best of the grasps found under other conditions."""

@@ -338,7 +338,8 @@ def test_rounder_pads_touch_at_a_point(tmp_path):
 @pytest.mark.parametrize("name", ["allegro_right", "panda", "humanoid", "so101"])
 def test_nothing_is_touched_before_a_touch_is_noted(name):
     """Along the whole path no link overlaps the object, convex or not: steps by planes and by speeds skip no touch."""
-    from pinograsp.contacts.clearance import Distances, fingertips, parts_of
+    from pinograsp.contacts import fingertips
+    from pinograsp.contacts.clearance import Distances, parts_of
 
     hand, rng = load_hand(name), np.random.default_rng()
     data = hand.model.createData()

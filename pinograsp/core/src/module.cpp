@@ -582,6 +582,8 @@ struct SolidShape {
     }
 };
 
+nb::tuple tuple_of(const Triple& numbers) { return nb::make_tuple(numbers[0], numbers[1], numbers[2]); }
+
 // Depth, normal and point of a shape at `at` (4, 4) in an object at `pose`, from a normal (3); `how` (5): as in
 // `DepthSearch`. Nothing where there is no way out along the normals found.
 nb::object depth_of(const SolidShape& part, const Numbers& at, const Body& object, const Numbers& pose,
@@ -592,8 +594,7 @@ nb::object depth_of(const SolidShape& part, const Numbers& at, const Body& objec
         find_depth(part.own, frame_of(at), object, frame_of(pose), triple_of(finite(normal, 3, "normal")),
                    {given[0], given[1], given[2], given[3], given[4], rounds});
     if (!found.found) return nb::none();
-    const auto& [n, p] = std::tie(found.normal, found.point);
-    return nb::make_tuple(found.depth, nb::make_tuple(n[0], n[1], n[2]), nb::make_tuple(p[0], p[1], p[2]));
+    return nb::make_tuple(found.depth, tuple_of(found.normal), tuple_of(found.point));
 }
 
 // How far a shape at `at` (4, 4) is from an object at `pose`, its own nearest point and the direction from there to the
@@ -601,14 +602,10 @@ nb::object depth_of(const SolidShape& part, const Numbers& at, const Body& objec
 nb::object gap_of(const SolidShape& part, const Numbers& at, const Body& object, const Numbers& pose) {
     need(!object.empty(), "object");
     const Frame placed = frame_of(at), there = placed.inverse() * frame_of(pose);
-    const Triple between = there.act(object.bounds().middle) - part.own.bounds().middle;
-    const double size = length(between);
-    const Triple along = size > 0.0 ? (1.0 / size) * between : Triple{1.0, 0.0, 0.0};
+    const Triple along = towards(part.own, object, there);
     const Separation gap = Nearest(part.own, object, there, along, std::numeric_limits<double>::max(), false).gap;
     if (!(gap.apart > 0.0) || !(gap.distance > 0.0)) return nb::none();
-    const Triple mine = placed.act(gap.mine), normal = placed.turn(gap.normal);
-    return nb::make_tuple(gap.distance, nb::make_tuple(mine[0], mine[1], mine[2]),
-                          nb::make_tuple(normal[0], normal[1], normal[2]));
+    return nb::make_tuple(gap.distance, tuple_of(placed.act(gap.mine)), tuple_of(placed.turn(gap.normal)));
 }
 
 // An object that a hand pushes: joints and parts, added one by one.

@@ -105,6 +105,11 @@ private:
     std::vector<Node> nodes_;
 };
 
+// A unit vector from the middle of one body to that of another; `there`: of the second, seen from the first.
+inline Triple towards(const Body& one, const Body& other, const Frame& there) {
+    return unit_along(there.act(other.bounds().middle) - one.bounds().middle);
+}
+
 // Which pieces of two bodies were nearest, and where; none: -1.
 struct NearestPieces {
     int one = -1, other = -1;

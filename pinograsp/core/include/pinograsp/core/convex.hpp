@@ -423,11 +423,15 @@ inline Parting part(const Couple& couple, Triple along, const Precision& precisi
     return found;
 }
 
+// The unit vector along another one; of nothing, any.
+inline Triple unit_along(const Triple& way) {
+    const double size = length(way);
+    return size > 0.0 ? (1.0 / size) * way : Triple{1.0, 0.0, 0.0};
+}
+
 // A unit vector from about the middle of one solid to that of another.
 inline Triple towards(const Couple& couple) {
-    const Triple between = couple.there.act(couple.other.point(0)) - couple.one.point(0);
-    const double size = length(between);
-    return size > 0.0 ? (1.0 / size) * between : Triple{1.0, 0.0, 0.0};
+    return unit_along(couple.there.act(couple.other.point(0)) - couple.one.point(0));
 }
 
 }  // namespace PINOGRASP_CORE_LEVEL

@@ -214,9 +214,7 @@ private:
     // Begun where they were nearest before.
     Separation nearest(int which, const Frame& seen) {
         const Body& body = parts[which].body;
-        const Triple between = seen.t - body.bounds().middle;
-        const double size = length(between);
-        const Triple along = size > 0.0 ? (1.0 / size) * between : Triple{1.0, 0.0, 0.0};
+        const Triple along = unit_along(seen.t - body.bounds().middle);
         return Nearest(body, object, seen, along, std::numeric_limits<double>::max(), true, &near_[which]).gap;
     }
 

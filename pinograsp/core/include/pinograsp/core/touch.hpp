@@ -212,11 +212,7 @@ private:
         const Body &hull = scene_.parts[near.part].hull, &solid = scene_.solids[near.solid];
         Memory& before = memory_of(near.part, near.solid);
         Triple along = before.way;
-        if (!follows_ || dot(along, along) == 0.0) {
-            along = there.act(solid.bounds().middle) - hull.bounds().middle;
-            const double size = length(along);
-            along = size > 0.0 ? (1.0 / size) * along : Triple{1.0, 0.0, 0.0};
-        }
+        if (!follows_ || dot(along, along) == 0.0) along = towards(hull, solid, there);
         if (hull.whole() && !solid.whole() && !scene_.hull.empty()) {
             // Most are clear of the object's convex hull, which takes one look.
             const Parting plane = part({hull.piece(0), scene_.hull, there}, along, roughly, beyond);
